@@ -1,0 +1,137 @@
+//! What a visitor is told when something does not work, as a page or as `application/problem+json`.
+
+use askama::Template;
+use axum::{
+    Json,
+    http::{HeaderValue, StatusCode, header},
+    response::{Html, IntoResponse, Response},
+};
+use serde::Serialize;
+
+use super::assets;
+use crate::store;
+
+/// Everything a handler can fail with. The visitor's text and the log's text differ: inner errors only reach the log.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Nothing has this address or name.
+    #[error("{0} does not exist")]
+    NotFound(&'static str),
+    /// The address exists, the method does not.
+    #[error("this address does not take this kind of request")]
+    MethodNotAllowed,
+    /// The visitor may not see this; the text says what would allow it.
+    #[error("{0}")]
+    Forbidden(String),
+    /// The request could not be understood; the text names what, and what is allowed.
+    #[error("{0}")]
+    BadRequest(String),
+    /// Understood, but a value is not allowed.
+    #[error("{0}")]
+    Unprocessable(String),
+    /// Already answered, or the same key with another body.
+    #[error("{0}")]
+    Conflict(String),
+    /// The study takes no answers now.
+    #[error("{0}")]
+    Closed(String),
+    /// More waits than can be worked off, or the disk does not answer.
+    #[error("the server is busy; nothing was lost, try again in a moment")]
+    Busy,
+    /// A fault of ours.
+    #[error("something went wrong on our side; nothing that was acknowledged is lost")]
+    Internal(#[source] anyhow::Error),
+}
+
+impl Error {
+    fn status(&self) -> StatusCode {
+        match self {
+            Self::NotFound(_) => StatusCode::NOT_FOUND,
+            Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+            Self::Forbidden(_) => StatusCode::FORBIDDEN,
+            Self::BadRequest(_) => StatusCode::BAD_REQUEST,
+            Self::Unprocessable(_) => StatusCode::UNPROCESSABLE_ENTITY,
+            Self::Conflict(_) => StatusCode::CONFLICT,
+            Self::Closed(_) => StatusCode::GONE,
+            Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
+            Self::Internal(_) => StatusCode::INTERNAL_SERVER_ERROR,
+        }
+    }
+
+    /// Logs a fault once, here where it is handled; everything else is the visitor's business.
+    fn log(&self) {
+        if let Self::Internal(source) = self {
+            tracing::error!(error = format!("{source:#}"), "request failed");
+        }
+    }
+}
+
+#[derive(Template)]
+#[template(path = "error.html")]
+struct ErrorPage {
+    title: &'static str,
+    message: String,
+}
+
+impl IntoResponse for Error {
+    fn into_response(self) -> Response {
+        self.log();
+        let status = self.status();
+        let page = ErrorPage {
+            title: status.canonical_reason().unwrap_or("Error"),
+            message: sentence(&self.to_string()),
+        };
+        let body = page.render().unwrap_or_else(|_| page.message.clone());
+        retry_hint((status, Html(body)).into_response())
+    }
+}
+
+/// The same errors for programs: RFC 9457 problem details.
+#[derive(Debug)]
+pub struct ApiError(pub Error);
+
+impl<E: Into<Error>> From<E> for ApiError {
+    fn from(error: E) -> Self {
+        Self(error.into())
+    }
+}
+
+#[derive(Serialize)]
+struct Problem {
+    title: &'static str,
+    status: u16,
+    detail: String,
+}
+
+impl IntoResponse for ApiError {
+    fn into_response(self) -> Response {
+        self.0.log();
+        let status = self.0.status();
+        let problem = Problem {
+            title: status.canonical_reason().unwrap_or("Error"),
+            status: status.as_u16(),
+            detail: self.0.to_string(),
+        };
+        let mut response = retry_hint((status, Json(problem)).into_response());
+        response.headers_mut().insert(
+            header::CONTENT_TYPE,
+            HeaderValue::from_static("application/problem+json"),
+        );
+        response
+    }
+}
+
+fn retry_hint(mut response: Response) -> Response {
+    if response.status() == StatusCode::SERVICE_UNAVAILABLE {
+        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+    }
+    response
+}
+
+/// Messages are written lower case and without a full stop; a page shows a sentence.
+fn sentence(message: &str) -> String {
+    let mut letters = message.chars();
+    letters.next().map_or_else(String::new, |first| {
+        format!("{}{}.", first.to_uppercase(), letters.as_str())
+    })
+}

@@ -1,0 +1,61 @@
+//! Who may see results while no account exists: whoever sits at this machine, unless the operator opened them.
+
+use std::{net::SocketAddr, sync::Arc};
+
+use axum::{
+    extract::{Request, State},
+    http::header,
+    middleware::Next,
+    response::{IntoResponse, Response},
+};
+
+use super::{ApiError, Error, Settings};
+
+/// Lets a request for results through when the listener is a loopback one and is addressed as such, or when the
+/// server was started with `--open-results`.
+///
+/// The name in `Host` counts as well as the listener: behind a proxy on this machine the listener is loopback too, and a
+/// page of another site whose name was pointed at 127.0.0.1 must not read results.
+pub(super) async fn results(
+    State((settings, address)): State<(Arc<Settings>, SocketAddr)>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    if settings.open_results || (address.ip().is_loopback() && host.is_some_and(is_loopback_name)) {
+        return next.run(request).await;
+    }
+    let error = Error::Forbidden(
+        "results are shown on this machine's own address (127.0.0.1) only; start the server with --open-results to show them to everybody who can reach it".to_owned(),
+    );
+    if request.uri().path().starts_with("/api/") {
+        ApiError(error).into_response()
+    } else {
+        error.into_response()
+    }
+}
+
+fn is_loopback_name(host: &str) -> bool {
+    let name = match host.strip_prefix('[') {
+        Some(rest) => rest.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    name == "localhost"
+        || name.ends_with(".localhost")
+        || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_loopback_name;
+
+    #[test]
+    fn only_names_of_this_machine_are_loopback() {
+        for host in ["localhost:8080", "127.0.0.1", "127.0.0.1:80", "[::1]:8080", "a.localhost"] {
+            assert!(is_loopback_name(host), "{host}");
+        }
+        for host in ["example.org", "localhost.example.org", "10.0.0.1:8080", "[fe80::1]:1", ""] {
+            assert!(!is_loopback_name(host), "{host}");
+        }
+    }
+}

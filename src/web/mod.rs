@@ -1,0 +1,104 @@
+//! Pages and JSON over HTTP: participants, results, and the API.
+//!
+//! Each area owns a `router()`; this module joins them and puts the common layers around.
+
+pub mod assets;
+mod error;
+mod headers;
+mod server;
+
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+
+use axum::{
+    Router,
+    extract::{DefaultBodyLimit, FromRef, MatchedPath, Request},
+    middleware,
+    routing::get,
+};
+use tokio_util::sync::CancellationToken;
+use tower::ServiceBuilder;
+use tower_http::{
+    compression::CompressionLayer,
+    csrf::CsrfLayer,
+    request_id::{MakeRequestUuid, PropagateRequestIdLayer, SetRequestIdLayer},
+    timeout::RequestBodyDeadlineLayer,
+    trace::TraceLayer,
+};
+
+pub use self::{
+    error::{ApiError, Error},
+    server::serve,
+};
+use crate::{chance::Chance, jobs::Catalogue, store::Store};
+
+/// The largest body that any form or API call needs, with room to spare.
+const BODY_LIMIT: usize = 64 * 1024;
+/// A body must have arrived by then, however slowly it dribbles.
+const BODY_DEADLINE: Duration = Duration::from_secs(20);
+
+/// What handlers share; each takes only the part it uses.
+#[derive(Clone, FromRef)]
+pub struct AppState {
+    /// The database.
+    pub store: Store,
+    /// The studies by id and version.
+    pub catalogue: Arc<Catalogue>,
+    /// Where tokens and orders come from.
+    pub chance: Chance,
+    /// How this server was started.
+    pub settings: Arc<Settings>,
+    /// Cancelled when the server stops, so that event streams end.
+    pub stop: CancellationToken,
+}
+
+/// How a server was started, as far as pages depend on it.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// Results and API may be read on any address, not on loopback alone.
+    pub open_results: bool,
+    /// The people of this server are simulated, and every page of results says so.
+    pub simulated: bool,
+}
+
+/// Who is at the other end of the connection.
+#[derive(Debug, Clone, Copy)]
+pub struct Peer(pub SocketAddr);
+
+fn router(state: AppState, address: SocketAddr) -> Router {
+    let results = Router::new()
+        .merge(results::router())
+        .merge(api::router())
+        .layer(middleware::from_fn_with_state((state.settings.clone(), address), guard::results));
+    Router::new()
+        .route("/healthz", get(health))
+        .merge(home::router())
+        .merge(participant::router())
+        .merge(results)
+        .merge(assets::router())
+        .fallback(|| async { Error::NotFound("this page") })
+        .method_not_allowed_fallback(|| async { Error::MethodNotAllowed })
+        .layer(
+            ServiceBuilder::new()
+                .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
+                .layer(TraceLayer::new_for_http().make_span_with(span))
+                .layer(PropagateRequestIdLayer::x_request_id())
+                .layer(middleware::from_fn(headers::set))
+                .layer(CompressionLayer::new())
+                .layer(CsrfLayer::new())
+                .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
+                .layer(DefaultBodyLimit::max(BODY_LIMIT)),
+        )
+        .with_state(state)
+}
+
+/// A request in the log: the route, never the path, which may hold a token.
+fn span(request: &Request) -> tracing::Span {
+    let route = request.extensions().get::<MatchedPath>().map_or("unmatched", MatchedPath::as_str);
+    let id = request.headers().get("x-request-id").and_then(|id| id.to_str().ok()).unwrap_or("");
+    tracing::info_span!("request", method = %request.method(), route, id)
+}
+
+async fn health(axum::extract::State(store): axum::extract::State<Store>) -> Result<&'static str, Error> {
+    store.ping().await?;
+    Ok("ok\n")
+}

@@ -1,0 +1,197 @@
+//! What each participant page shows.
+
+use std::collections::BTreeMap;
+
+use askama::Template;
+use askama_web::WebTemplate;
+use axum::response::{IntoResponse, Response};
+
+use crate::{
+    store::Token,
+    study::{
+        ChoiceStep, Completion, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep, InfoStep,
+        Step, StepPlan,
+    },
+    web::assets,
+};
+
+/// What every step's page needs to know of its run.
+pub(super) struct RunLink<'a> {
+    pub token: &'a Token,
+    pub is_owner: bool,
+    pub position: u32,
+    /// The idempotency key of this rendering's form.
+    pub key: String,
+    pub plan: &'a StepPlan,
+}
+
+/// The clock of a timed question as it stands when the page is made.
+#[derive(Clone, Copy)]
+pub(super) struct PageClock {
+    pub remaining_ms: u64,
+    pub limit_ms: u64,
+    /// Until the server closes the question by itself.
+    pub closes_in_ms: u64,
+}
+
+impl PageClock {
+    fn remaining_s(self) -> u64 {
+        self.remaining_ms.div_ceil(1000)
+    }
+
+    /// When a page without scripts asks for the next question: just after the server closed this one.
+    fn refresh_s(self) -> u64 {
+        self.closes_in_ms.div_ceil(1000) + 1
+    }
+}
+
+/// A form that was sent back with messages.
+#[derive(Default)]
+pub(super) struct Rejected {
+    pub fields: Fields,
+    pub errors: Vec<FieldError>,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/landing.html")]
+pub(super) struct LandingPage {
+    pub title: String,
+    pub summary: String,
+    pub minutes: u32,
+    pub study: String,
+    pub token: Token,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/consent.html")]
+struct ConsentPage<'a> {
+    run: RunLink<'a>,
+    text: ConsentStep<'a>,
+    errors: Vec<FieldError>,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/info.html")]
+struct InfoPage<'a> {
+    run: RunLink<'a>,
+    text: InfoStep<'a>,
+    scene: Option<&'static str>,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/choice.html")]
+struct ChoicePage<'a> {
+    run: RunLink<'a>,
+    question: ChoiceStep<'a>,
+    scene: Option<&'static str>,
+    clock: Option<PageClock>,
+    errors: Vec<FieldError>,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/form.html")]
+struct FormPage<'a> {
+    run: RunLink<'a>,
+    text: FormStep<'a>,
+    fields: Vec<FieldView<'a>>,
+    errors: Vec<FieldError>,
+}
+
+/// A form field with what was typed into it before.
+struct FieldView<'a> {
+    field: &'a Field,
+    value: &'a str,
+    other: &'a str,
+    error: Option<&'a str>,
+}
+
+impl FieldView<'_> {
+    fn options(&self) -> &[FieldOption] {
+        match &self.field.kind {
+            FieldKind::Choice { options, .. } => options,
+            FieldKind::Integer { .. } | FieldKind::Text { .. } => &[],
+        }
+    }
+
+    fn takes_other(&self) -> bool {
+        match self.field.kind {
+            FieldKind::Choice { other, .. } => other,
+            FieldKind::Integer { .. } | FieldKind::Text { .. } => false,
+        }
+    }
+
+    /// Phones show their number keys for it.
+    fn is_number(&self) -> bool {
+        matches!(self.field.kind, FieldKind::Integer { .. })
+    }
+
+    fn max_length(&self) -> usize {
+        match self.field.kind {
+            FieldKind::Integer { .. } => 20,
+            FieldKind::Text { max_length } => max_length,
+            FieldKind::Choice { .. } => Field::OTHER_MAX_LENGTH,
+        }
+    }
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/thanks.html")]
+pub(super) struct ThanksPage<'a> {
+    pub token: &'a Token,
+    pub completion: &'a Completion,
+    pub outcome: Outcome,
+}
+
+/// What the last page tells about the run.
+pub(super) enum Outcome {
+    /// To the link that finished it.
+    Finished { code: String, redirect: Option<String>, stored: u64 },
+    /// To another link of the same person.
+    AlreadyTaken,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/note.html")]
+pub(super) struct NotePage {
+    pub title: String,
+    pub text_html: String,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/withdraw.html")]
+pub(super) struct WithdrawPage {
+    pub token: Token,
+}
+
+/// The page of an open step; `Thanks` has a page of its own, since nothing is asked there.
+pub(super) fn step_page(run: RunLink<'_>, step: Step<'_>, clock: Option<PageClock>, rejected: Rejected) -> Response {
+    let errors = rejected.errors;
+    match step {
+        Step::Consent(text) => ConsentPage { run, text, errors }.into_response(),
+        Step::Info(text) => InfoPage { scene: scene(text.scene), run, text }.into_response(),
+        Step::Choice(question) => {
+            ChoicePage { scene: scene(question.scene), run, question, clock, errors }.into_response()
+        }
+        Step::Form(text) => {
+            let fields = text.fields.iter().map(|field| view(field, &rejected.fields, &errors)).collect();
+            FormPage { run, text, fields, errors: errors.clone() }.into_response()
+        }
+        Step::Thanks(text) => {
+            ThanksPage { token: run.token, completion: text.completion, outcome: Outcome::AlreadyTaken }.into_response()
+        }
+    }
+}
+
+fn view<'a>(field: &'a Field, typed: &'a BTreeMap<String, String>, errors: &'a [FieldError]) -> FieldView<'a> {
+    let typed = |name: &str| typed.get(name).map_or("", String::as_str);
+    FieldView {
+        value: typed(&field.id),
+        other: typed(&field.other_name()),
+        error: errors.iter().find(|error| error.field == field.id).map(|error| error.message.as_str()),
+        field,
+    }
+}
+
+fn scene(id: Option<&str>) -> Option<&'static str> {
+    assets::text(&format!("scenes/{}.svg", id?))
+}
