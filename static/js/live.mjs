@@ -24,6 +24,7 @@ export class Live {
 
   listen() {
     const events = new EventSource(this.root.dataset.events);
+    this.events = events;
     events.addEventListener("open", () => this.say("live"));
     events.addEventListener("version", (event) => this.changed(JSON.parse(event.data)));
     events.addEventListener("error", () => {
@@ -57,6 +58,8 @@ export class Live {
       if (failed.length > 0) {
         this.say("lost");
         setTimeout(() => this.refresh(failed), retryMs);
+      } else if (this.events?.readyState === EventSource.OPEN) {
+        this.say("live");
       }
     }
     this.wanted = null;

@@ -6,6 +6,7 @@ import { sheet } from "./sheet.mjs";
 
 const models = ["risk_aware", "noisy_rational"];
 const headHeight = 24;
+const noteHeight = 18;
 const lineHeight = 12;
 
 /** How far each model's predictions are from the choices: ln KL per cell, pooled, and the paper's. */
@@ -13,16 +14,16 @@ export const accuracy = {
   needs: ["summary", "accuracy"],
 
   draw({ summary, accuracy }, { width, palette }) {
-    const cells = accuracy.cells.map((row) => cellRow(summary, row));
+    const cells = accuracy.cells.map((row) => cellRow(summary, row, accuracy.samples));
     const pooled = accuracy.pooled.map((row) => pooledRow(row, accuracy.paper));
     const domain = domainOf([...cells, ...pooled]);
     const panel = (title, rows) => ({ title, draw: (panelWidth) => drawPanel(rows, domain, panelWidth, palette) });
     const key = [
-      { kind: "risk_aware", label: `Risk-Aware, mean ± sd over ${accuracy.samples} draws` },
-      { kind: "noisy_rational", label: "Noisy Rational, the same" },
-      { kind: "reference", label: "the true probabilities would score here" },
+      { kind: "risk_aware", label: "Risk-Aware, mean ± sd" },
+      { kind: "noisy_rational", label: "Noisy Rational, mean ± sd" },
+      { kind: "reference", label: "reference level" },
     ];
-    if (accuracy.paper?.length > 0) key.push({ kind: "paper", label: "the paper's mean ± sd" });
+    if (accuracy.paper?.length > 0) key.push({ kind: "paper", label: "the paper, mean ± sd" });
     return sheet({
       width,
       palette,
@@ -83,12 +84,15 @@ function labelOf(summary, row) {
   return cell ? cellLabel(summary, cell) : row.id;
 }
 
-function cellRow(summary, row) {
-  const notes = [labelOf(summary, row)];
-  if (row.unanimous) notes.push("unanimous");
+function cellRow(summary, row, samples) {
+  const notes = row.unanimous ? ["unanimous: no reference level"] : [];
+  for (const model of models) {
+    const scored = row.models[model];
+    if (!scored) notes.push(`${modelStyles[model].name}: no converged fit yet`);
+    else if (scored.mean === null) notes.push(`${modelStyles[model].name}: exact in ${scored.zeros} of ${samples}`);
+  }
   const scores = models.map((model) => ({ model, ...row.models[model] })).filter(drawable);
-  if (scores.length === 0) notes.push("no converged fit yet");
-  return { label: notes.join(", "), scores, reference: row.unanimous ? null : row.reference };
+  return { label: labelOf(summary, row), notes, scores, reference: row.unanimous ? null : row.reference };
 }
 
 function pooledRow(row, paper) {
@@ -97,7 +101,7 @@ function pooledRow(row, paper) {
     { model, ...row.models[model] },
     { model, published: true, ...published?.[model] },
   ]);
-  return { label: row.label, scores: scores.filter(drawable), reference: null };
+  return { label: row.label, notes: [], scores: scores.filter(drawable), reference: null };
 }
 
 function drawable(score) {
@@ -114,12 +118,14 @@ function domainOf(rows) {
 
 function drawPanel(rows, domain, width, palette) {
   const heads = [];
+  const notes = [];
   const scores = [];
   const references = [];
   let y = 0;
   for (const row of rows) {
     heads.push({ y: y + headHeight / 2 + 1, text: row.label });
-    const top = y + headHeight;
+    row.notes.forEach((text, index) => notes.push({ y: y + headHeight + noteHeight * (index + 0.4), text }));
+    const top = y + headHeight + noteHeight * row.notes.length;
     row.scores.forEach((score, index) => scores.push({ ...score, y: top + lineHeight * (index + 0.5) }));
     const lines = Math.max(2, row.scores.length);
     if (row.reference !== null) references.push({ x: row.reference, y1: top - 2, y2: top + lineHeight * lines + 2 });
@@ -140,6 +146,7 @@ function drawPanel(rows, domain, width, palette) {
       Plot.dot(data, { x: "mean", y: "y", strokeWidth: 2, ...dot }),
     ];
   };
+  const words = { frameAnchor: "left", dx: -8, y: "y", textAnchor: "start", text: "text", stroke: palette.paper, strokeWidth: 4 };
   return Plot.plot({
     width,
     height: y + bottom,
@@ -148,13 +155,14 @@ function drawPanel(rows, domain, width, palette) {
     marginTop: 0,
     marginBottom: bottom,
     x: { domain },
-    y: { domain: [0, y], axis: null },
+    y: { domain: [y, 0], axis: null },
     marks: [
       Plot.gridX({ stroke: palette.line, strokeOpacity: 1, ticks: 5 }),
       Plot.axisX({ label: "ln KL (further left: closer to the choices)", labelArrow: "none", labelAnchor: "center", labelOffset: 42, ticks: 5, tickSize: 0, tickFormat: tick, color: palette["ink-soft"] }),
       Plot.link(references, { x1: "x", x2: "x", y1: "y1", y2: "y2", stroke: palette.reference, strokeWidth: 2.5, strokeDasharray: referenceDash, strokeLinecap: "round" }),
       ...models.flatMap((model) => [...options(modelStyles[model], false), ...options(modelStyles[model], true)]),
-      Plot.text(heads, { frameAnchor: "left", dx: -8, y: "y", textAnchor: "start", text: "text", fill: palette.ink, stroke: palette.paper, strokeWidth: 4 }),
+      Plot.text(heads, { ...words, fill: palette.ink }),
+      Plot.text(notes, { ...words, fill: palette["ink-soft"] }),
     ],
   });
 }

@@ -6,6 +6,7 @@ import { sheet } from "./sheet.mjs";
 
 const headHeight = 24;
 const rowHeight = 48;
+const rowHeightWithoutModels = 28;
 const models = ["risk_aware", "noisy_rational"];
 
 /** What people chose in each cell, beside what each fitted model predicts. */
@@ -92,7 +93,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
         const value = cell.predicted?.[model]?.[action.id];
         if (value) predicted.push({ ...value, model, y: y + 27 + 10 * index });
       });
-      y += rowHeight;
+      y += cell.fitted ? rowHeight : rowHeightWithoutModels;
     }
   }
   const bottom = 32;
@@ -104,7 +105,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
     marginTop: 0,
     marginBottom: bottom,
     x: { domain: [0, 1], label: null },
-    y: { domain: [0, y], axis: null },
+    y: { domain: [y, 0], axis: null },
     marks: [
       Plot.gridX([0, 0.25, 0.5, 0.75, 1], { stroke: palette.line, strokeOpacity: 1 }),
       Plot.axisX([0, 0.5, 1], { tickFormat: percent, tickSize: 0, color: palette["ink-soft"], label: null }),
@@ -114,7 +115,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
       ...models.map((model) => interval(predicted.filter((d) => d.model === model), modelStyles[model], palette)).flat(),
       Plot.text(names, { frameAnchor: "left", y: "y", dx: -8, textAnchor: "end", text: "text", fill: palette.ink }),
       Plot.text(names, { frameAnchor: "right", y: "y", dx: 50, textAnchor: "end", text: (d) => percent(d.share), fill: palette.ink, fontVariant: "tabular-nums" }),
-      Plot.text(heads, { frameAnchor: "left", dx: -marginLeft, y: "y", textAnchor: "start", text: "text", fill: palette["ink-soft"] }),
+      Plot.text(heads, { frameAnchor: "left", dx: -marginLeft, y: "y", textAnchor: "start", text: "text", fill: palette["ink-soft"], stroke: palette.paper, strokeWidth: 4 }),
     ],
   });
 }

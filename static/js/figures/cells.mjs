@@ -4,11 +4,11 @@ export function levelLabel(summary, factorId, levelId) {
   return factor?.levels.find((level) => level.id === levelId)?.label ?? levelId;
 }
 
-/** A cell in words: its levels' labels in the order of the factors. */
+/** A cell in words: its levels in the order of the factors. */
 export function cellLabel(summary, cell) {
   return summary.factors
     .filter((factor) => cell.levels[factor.id] !== undefined)
-    .map((factor) => levelLabel(summary, factor.id, cell.levels[factor.id]))
+    .map((factor, index) => (index === 0 ? levelLabel(summary, factor.id, cell.levels[factor.id]) : named(factor, cell.levels[factor.id])))
     .join(" · ");
 }
 
@@ -50,12 +50,8 @@ function position(factor, cell) {
   return index < 0 ? factor.levels.length : index;
 }
 
+/** "Timed" says of itself that it is about time; a bare "Low" needs its factor's name. */
 function named(factor, levelId) {
   const label = factor.levels.find((level) => level.id === levelId)?.label ?? levelId;
-  // "Low risk" needs no factor name before it; a bare "Low" does.
-  return /\s/.test(label) || label.length > 7 ? label : `${factor.label}: ${lowerFirst(label)}`;
-}
-
-function lowerFirst(text) {
-  return text.charAt(0).toLowerCase() + text.slice(1);
+  return label.toLowerCase().includes(factor.label.toLowerCase()) ? label : `${factor.label}: ${label.toLowerCase()}`;
 }

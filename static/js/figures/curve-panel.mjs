@@ -1,7 +1,7 @@
 import { modelStyles, priorDash } from "./palette.mjs";
 import { Plot } from "./plot.mjs";
 
-const margins = { marginTop: 28, marginRight: 68, marginBottom: 46, marginLeft: 50 };
+const margins = { marginTop: 28, marginRight: 78, marginBottom: 46, marginLeft: 50 };
 const labelHeight = 36;
 
 /**

@@ -1,4 +1,5 @@
 import { decimal } from "./format.mjs";
+import { modelStyles } from "./palette.mjs";
 
 const order = ["risk_aware", "noisy_rational"];
 const quantities = ["mean", "q5", "q25", "q75", "q95", "prior_mean"];
@@ -11,8 +12,7 @@ export function partsOf(curves, plan) {
 
 /** Says which model has no curve because its fit is not there yet. */
 export function missingNote(part, models = order) {
-  const names = { risk_aware: "Risk-Aware", noisy_rational: "Noisy Rational" };
-  const missing = models.filter((model) => !part.models?.[model]).map((model) => names[model]);
+  const missing = models.filter((model) => !part.models?.[model]).map((model) => modelStyles[model].name);
   return missing.length > 0 ? `No converged fit yet: ${missing.join(", ")}` : undefined;
 }
 
@@ -51,11 +51,10 @@ export function curveTable(entries, xLabel, xFormat) {
     { label: "90 % posterior", numeric: true },
     { label: "Prior mean", numeric: true },
   ];
-  const names = { risk_aware: "Risk-Aware", noisy_rational: "Noisy Rational" };
   const rows = entries.flatMap(({ part, model, label, series }) =>
     spread(series.x.length).map((index) => [
       part.label,
-      names[model],
+      modelStyles[model].name,
       label,
       xFormat(series.x[index]),
       decimal(series.mean[index], 3),

@@ -21,7 +21,7 @@ export const filePalette = light;
 /** How each model looks in every figure of every study. */
 export const modelStyles = {
   risk_aware: { token: "aware", name: "Risk-Aware", shortName: "Risk-\nAware", dash: null, symbol: "circle", filled: true },
-  noisy_rational: { token: "noisy", name: "Noisy Rational", shortName: "Noisy\nRational", dash: "6 4", symbol: "square", filled: false },
+  noisy_rational: { token: "noisy", name: "Noisy Rational", shortName: "Noisy\nRational", dash: "5 3", symbol: "square", filled: false },
 };
 
 export const priorDash = "2 4";

@@ -6,7 +6,7 @@ const titleHeight = 28;
 const noteHeight = 20;
 const keyLine = 24;
 const narrowestPanel = 272;
-const letter = 7.3;
+const letter = 7.8;
 
 /**
  * Lays panels out in a grid, with a key above them, as one drawing.
