@@ -26,7 +26,7 @@ export class Pending {
     status.className = "status";
     status.dataset.part = "status";
     status.setAttribute("role", "status");
-    this.form.append(status);
+    (this.form.querySelector(".actions") ?? this.form).prepend(status);
     return status;
   }
 
