@@ -17,6 +17,7 @@ export class Figure {
     this.plan = element.dataset.plan ?? null;
     made += 1;
     this.id = `figure-${made}`;
+    this.drawn = false;
     this.plot = this.part("plot");
     this.captionLine = this.part("caption");
     this.tools = this.part("tools");
@@ -66,7 +67,7 @@ export class Figure {
     const content = this.kind.table(data, this);
     showTable(this.tableFrame, content);
     this.captionLine.textContent = caption(this.kind, data, this.plan);
-    for (const button of this.buttons) button.disabled = false;
+    for (const button of this.buttons) button.disabled = !this.drawn;
   }
 
   /** Keeps the chosen plan while it exists; offers a choice where there is more than one. */
@@ -94,8 +95,10 @@ export class Figure {
     const width = Math.floor(this.plot.clientWidth);
     if (width < 100) return;
     this.drawnWidth = width;
-    this.plot.classList.remove("figure__plot--empty");
-    this.plot.replaceChildren(this.drawing(width, screenPalette));
+    const drawing = this.drawing(width, screenPalette);
+    this.drawn = drawing !== null;
+    this.plot.classList.toggle("figure__plot--empty", !this.drawn);
+    this.plot.replaceChildren(drawing ?? "Nothing to draw yet: no fit has converged.");
   }
 
   drawing(width, palette) {

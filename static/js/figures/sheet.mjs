@@ -17,9 +17,10 @@ const letter = 7.8;
  * @param {number} options.columns at most; fewer when the width does not carry them
  * @param {{title: string, note?: string, draw: (width: number) => SVGSVGElement}[]} options.panels in reading order
  * @param {string} options.label what a screen reader says
- * @returns {SVGSVGElement}
+ * @returns {SVGSVGElement | null} nothing where there is no panel
  */
 export function sheet({ width, palette, key = [], columns, panels, label }) {
+  if (panels.length === 0) return null;
   const fitting = Math.max(1, Math.min(columns, Math.floor((width + gap) / (narrowestPanel + gap))));
   const panelWidth = Math.floor((width - gap * (fitting - 1)) / fitting);
   const root = d3
