@@ -1,1 +1,4 @@
 //! riskaware
+
+pub mod model;
+pub mod study;
