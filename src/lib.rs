@@ -5,9 +5,13 @@
 //! * [`model`]: prospects, choice problems and the models that turn them into choice probabilities.
 //! * [`inference`]: what choices say about a model's parameters: posterior, diagnostics, accuracy, curves.
 //! * [`study`]: study files, the steps of a run, and the rules of time limits.
+//! * [`clock`]: the time that deadlines are measured with.
+//! * [`store`]: the database: runs and answers, counts, fits.
 //! * [`cli`]: the commands of the `riskaware` binary.
 
 pub mod cli;
+pub mod clock;
 pub mod inference;
 pub mod model;
+pub mod store;
 pub mod study;
