@@ -70,6 +70,7 @@ pub(super) fn read(
         id: &id,
         scope: &general,
         levels,
+        limit_ms,
         scene,
         questions: Vec::new(),
         asked,
@@ -144,6 +145,7 @@ struct BlockReader<'a> {
     /// The values outside levels and questions.
     scope: &'a Scope<'a>,
     levels: Levels,
+    limit_ms: Option<u64>,
     scene: Option<String>,
     questions: Vec<ChoiceQuestion>,
     asked: &'a mut Asked,
@@ -257,9 +259,13 @@ impl BlockReader<'_> {
             cell,
             role,
         };
-        self.asked
-            .asked
-            .extend(AskedCell::of(&question, design, &draft.levels, draft.at));
+        self.asked.asked.extend(AskedCell::of(
+            &question,
+            design,
+            &draft.levels,
+            self.limit_ms,
+            draft.at,
+        ));
         self.questions.push(question);
         Ok(())
     }
