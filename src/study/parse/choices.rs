@@ -283,11 +283,14 @@ impl BlockReader<'_> {
                 .key("fitted")
                 .fault("`true` in a practice or baseline block", allowed));
         }
-        Ok(match given {
-            _ if self.raw.practice => Role::Practice,
-            _ if self.raw.baseline => Role::Baseline,
-            Some(true) | None => Role::Fitted,
-            Some(false) => Role::ShownOnly,
+        Ok(if self.raw.practice {
+            Role::Practice
+        } else if self.raw.baseline {
+            Role::Baseline
+        } else if given.unwrap_or(true) {
+            Role::Fitted
+        } else {
+            Role::ShownOnly
         })
     }
 

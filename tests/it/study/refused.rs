@@ -689,6 +689,26 @@ fn completion_and_fit() {
 }
 
 #[test]
+fn a_product_of_too_many_levels() {
+    let mut factors = String::new();
+    let mut cross = Vec::new();
+    for factor in 0..40 {
+        factors += &format!("[[factor]]\nid = \"f{factor}\"\nlabel = \"F\"\n");
+        factors += "level = [{ id = \"a\", label = \"A\" }, { id = \"b\", label = \"B\" }]\n";
+        cross.push(format!("f{factor} = [\"a\", \"b\"]"));
+    }
+    let text = GAMBLES
+        .replacen("[[action]]", &format!("{factors}[[action]]"), 1)
+        .replacen("gamble = [\"wild\", \"mild\"]", &cross.join(", "), 1);
+    let error = Study::parse("gambles.toml", &text).unwrap_err();
+    assert_eq!(error.key(), "block[quick].group[#1].cross");
+    assert_eq!(
+        error.allowed(),
+        "at most 1000 combinations of levels in a group"
+    );
+}
+
+#[test]
 fn arbitrary_damage_never_panics() {
     // Each line left out, doubled or cut short: a valid study or an error, whatever the damage.
     let lines: Vec<&str> = GAMBLES.lines().collect();
