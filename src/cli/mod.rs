@@ -22,7 +22,12 @@ pub struct Cli {
     #[arg(long, global = true, env = "RISKAWARE_LOG", default_value = "info")]
     log: String,
     /// How log lines look
-    #[arg(long, global = true, env = "RISKAWARE_LOG_FORMAT", default_value = "text")]
+    #[arg(
+        long,
+        global = true,
+        env = "RISKAWARE_LOG_FORMAT",
+        default_value = "text"
+    )]
     log_format: LogFormat,
 }
 
@@ -57,7 +62,9 @@ impl Cli {
         let log = tracing_subscriber::registry().with(filter);
         match self.log_format {
             LogFormat::Text => log.with(fmt::layer().with_writer(std::io::stderr)).init(),
-            LogFormat::Json => log.with(fmt::layer().json().with_writer(std::io::stderr)).init(),
+            LogFormat::Json => log
+                .with(fmt::layer().json().with_writer(std::io::stderr))
+                .init(),
         }
         match self.command.unwrap_or_else(default_command).run() {
             Ok(code) => code,
@@ -86,6 +93,9 @@ impl Command {
 }
 
 fn block_on(command: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {
-    tokio::runtime::Builder::new_multi_thread().enable_all().build()?.block_on(command)?;
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?
+        .block_on(command)?;
     Ok(ExitCode::SUCCESS)
 }
