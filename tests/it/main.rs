@@ -1,3 +1,4 @@
 //! The integration tests, one module per feature.
 
+mod store;
 mod study;
