@@ -1,1 +1,3 @@
-fn main() {}
+//! Features at their boundary, one module each.
+
+mod fit;
