@@ -6,7 +6,7 @@ use riskaware::store::{
 use riskaware::study::step::{ClientTiming, InputDevice};
 use riskaware::study::{BlockId, Reply, StudyId};
 
-use super::lab::{CONSENT, FORM, Lab, START_PAGE, TIMED_LOW, choice, form};
+use super::lab::{CONSENT, Lab, START_PAGE, TIMED_LOW, choice, form};
 
 #[tokio::test]
 async fn an_export_pages_through_every_choice_of_its_study_once() {
@@ -149,18 +149,9 @@ async fn a_row_of_the_export_says_what_was_asked_answered_and_measured() {
 #[tokio::test]
 async fn form_answers_are_counted_by_field_and_study() {
     let mut lab = Lab::open().await;
-    for (study, age) in [
-        ("driving", Some(20)),
-        ("driving", Some(31)),
-        ("driving", Some(20)),
-        ("cups", Some(50)),
-    ] {
+    for study in ["driving", "driving", "driving", "cups"] {
         let mut person = lab.start_and_reach_timed(study).await;
         person.finishes(&lab, "stop").await;
-        assert_eq!(
-            age.is_some(),
-            lab.store.step(person.run, FORM).await.is_ok()
-        );
     }
     let answers = |study: &str, field: &'static str| {
         let (store, study) = (lab.store.clone(), StudyId::from(study));

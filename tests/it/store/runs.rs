@@ -2,9 +2,9 @@
 
 use riskaware::store::{
     AnswerStatus, Error, EventKind, NewArrival, NewRun, Population, RunState, StudyState, Token,
-    Verdict,
+    Verdict, draw_run,
 };
-use riskaware::study::{Reply, StudyId, TimeFactor};
+use riskaware::study::{Reply, StepKind, Study, StudyId, TimeFactor, built_in};
 
 use super::lab::{
     CONSENT, FORM, GRACE_MS, LIMIT_MS, Lab, Person, START_PAGE, THANKS, TIMED_HIGH, TIMED_LOW,
@@ -77,6 +77,42 @@ async fn two_people_in_two_studies_are_kept_apart() {
         .unwrap();
     assert_eq!((simulated.started, simulated.data_version), (0, 0));
     lab.check().await;
+}
+
+#[tokio::test]
+async fn a_built_in_study_is_stored_as_it_was_drawn() {
+    let mut lab = Lab::open().await;
+    let (name, text) = built_in()[0];
+    let study = &Study::parse(name, text).unwrap();
+    let version = lab
+        .store
+        .publish(study.id(), study.hash(), study.text())
+        .await
+        .unwrap();
+    let steps = draw_run(study, &mut lab.rng).unwrap();
+    let run = NewRun {
+        version,
+        steps: steps.clone(),
+        ..lab.new_run("driving")
+    };
+    let person = lab.start_as("driving", run).await;
+    assert_eq!(
+        lab.store.visit(&person.link).await.unwrap().steps as usize,
+        steps.len()
+    );
+    for (position, step) in (0..).zip(&steps) {
+        assert_eq!(
+            lab.store.step(person.run, position).await.unwrap(),
+            step.plan
+        );
+        let is_counted_choice = step.plan.kind == StepKind::Choice && !step.is_practice;
+        assert_eq!(step.asked.is_some(), is_counted_choice, "step {position}");
+    }
+    let fitted = steps.iter().filter(|step| step.is_fitted).count();
+    assert_eq!(
+        fitted,
+        study.cells().iter().filter(|cell| cell.fitted).count()
+    );
 }
 
 #[tokio::test]
