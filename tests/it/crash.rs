@@ -2,8 +2,9 @@
 
 use std::{
     collections::BTreeMap,
+    io::{BufRead, BufReader},
     path::Path,
-    process::Stdio,
+    process::{Child, Command, Stdio},
     sync::{Arc, Mutex},
     time::Duration,
 };
@@ -13,11 +14,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha20Rng;
 use sha2::{Digest, Sha256};
 use sqlx::{Connection, Row, SqliteConnection, sqlite::SqliteConnectOptions};
-use tokio::{
-    io::{AsyncBufReadExt, BufReader},
-    process::{Child, Command},
-    task::JoinSet,
-};
+use tokio::task::JoinSet;
 
 use crate::app::{Page, Participant};
 
@@ -28,25 +25,21 @@ const PEOPLE: usize = 16;
 type Acknowledged = Arc<Mutex<BTreeMap<(String, u32), String>>>;
 
 /// The program as it is shipped, in a process of its own that can be killed.
-async fn serve(database: &Path) -> (Child, String) {
+fn serve(database: &Path) -> (Child, String) {
     let mut server = Command::new(env!("CARGO_BIN_EXE_riskaware"))
         .args(["serve", "--listen", "127.0.0.1:0", "--database"])
         .arg(database)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
-        .kill_on_drop(true)
         .spawn()
         .unwrap();
     let mut lines = BufReader::new(server.stdout.take().unwrap()).lines();
-    while let Some(line) = lines.next_line().await.unwrap() {
-        if let Some((_, address)) = line.split_once("http://127.0.0.1:") {
-            let port = address.split('/').next().unwrap();
-            // Keep the pipe open: the program may write more.
-            tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
-            return (server, format!("http://127.0.0.1:{port}"));
-        }
-    }
-    panic!("the server ended before it printed its address");
+    let port = lines
+        .find_map(|line| Some(line.unwrap().split_once("http://127.0.0.1:")?.1.to_owned()))
+        .expect("the server prints its address");
+    // Keep the pipe open: the program writes more.
+    std::thread::spawn(move || lines.count());
+    (server, format!("http://127.0.0.1:{}", port.trim()))
 }
 
 /// Takes the study again and again until the server is gone; notes each answer when it is acknowledged.
@@ -144,14 +137,15 @@ async fn no_acknowledged_answer_is_lost_when_the_server_is_killed() {
     let acknowledged = Acknowledged::default();
     let mut rng = ChaCha20Rng::seed_from_u64(9);
     for _ in 0..ROUNDS {
-        let (mut server, url) = serve(&database).await;
+        let (mut server, url) = serve(&database);
         let mut people = JoinSet::new();
         for _ in 0..PEOPLE {
             people.spawn(answer_until_killed(url.clone(), acknowledged.clone()));
         }
         // When it is killed is chance; that answers were under way is asserted below.
         tokio::time::sleep(Duration::from_millis(rng.random_range(500..1500))).await;
-        server.kill().await.unwrap();
+        server.kill().unwrap();
+        server.wait().unwrap();
         people.join_all().await;
     }
     let acknowledged = acknowledged.lock().unwrap();
