@@ -26,6 +26,9 @@ pub enum Error {
     /// The request could not be understood; the text names what, and what is allowed.
     #[error("{0}")]
     BadRequest(String),
+    /// More than any form or call needs.
+    #[error("the request is larger than {} KiB, which is the most that is taken", super::BODY_LIMIT / 1024)]
+    TooLarge,
     /// Understood, but a value is not allowed.
     #[error("{0}")]
     Unprocessable(String),
@@ -50,6 +53,7 @@ impl Error {
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::Forbidden(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
+            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
             Self::Unprocessable(_) => StatusCode::UNPROCESSABLE_ENTITY,
             Self::Conflict(_) => StatusCode::CONFLICT,
             Self::Closed(_) => StatusCode::GONE,

@@ -36,7 +36,7 @@ export async function arrive(page, url, study = "driving", query = "") {
 
 /**
  * Answers everything from the current page to the last one.
- * @param {(question: {block: string, question: string}) => string} choose which action to take
+ * @param {(question: {block: string, question: string}) => string} choose which action to take where it is offered
  * @param {(kind: string, position: string) => Promise<void>} seen called on each page before it is answered
  */
 export async function finish(page, choose, seen = async () => {}) {
@@ -51,7 +51,8 @@ export async function finish(page, choose, seen = async () => {}) {
         break;
       case "choice": {
         const { block, question } = await page.locator("form.choice").evaluate((form) => ({ ...form.dataset }));
-        await goOn(page, page.locator(`button[name=action][value="${choose({ block, question })}"]`));
+        const wanted = page.locator(`button[name=action][value="${choose({ block, question })}"]`);
+        await goOn(page, (await wanted.count()) ? wanted : page.locator("button[name=action]").first());
         break;
       }
       default:

@@ -50,9 +50,7 @@ pub(super) async fn answer(
     form: Result<Form<Fields>, FormRejection>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let Form(fields) = form.map_err(|rejection| {
-        Error::BadRequest(format!("the form could not be read: {rejection}"))
-    })?;
+    let Form(fields) = form.map_err(unreadable)?;
     let run = pages.store.run(&token).await?;
     let position = field(&fields, "step")?
         .parse()
@@ -104,6 +102,13 @@ fn receipt(headers: &HeaderMap, token: &Token, status: StatusCode) -> Response {
     } else {
         Redirect::to(&next).into_response()
     }
+}
+
+fn unreadable(rejection: FormRejection) -> Error {
+    if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
+        return Error::TooLarge;
+    }
+    Error::BadRequest(format!("the form could not be read: {rejection}"))
 }
 
 fn field<'a>(fields: &'a Fields, name: &str) -> Result<&'a str, Error> {
