@@ -1,0 +1,1 @@
+//! What choices say about the parameters of a model.

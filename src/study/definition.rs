@@ -1,0 +1,274 @@
+//! A study, and what it tells about itself.
+
+use std::ops::Range;
+
+use super::step::{ChoiceQuestion, ConsentText, FormText, InfoText};
+use super::{
+    Baseline, BlockId, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
+    StudyId, parse,
+};
+
+/// A study as its file describes it, checked as a whole.
+#[derive(Debug, Clone)]
+pub struct Study {
+    pub(super) text: String,
+    pub(super) hash: String,
+    pub(super) id: StudyId,
+    pub(super) title: String,
+    pub(super) summary: String,
+    pub(super) minutes: u32,
+    pub(super) contact: String,
+    pub(super) reward_unit: RewardUnit,
+    pub(super) reference_reward: f64,
+    pub(super) factors: Vec<Factor>,
+    pub(super) draws_action_order: bool,
+    pub(super) blocks: Vec<Block>,
+    pub(super) cells: Vec<Cell>,
+    pub(super) baseline: Vec<Baseline>,
+    pub(super) baseline_share: Option<f64>,
+    pub(super) completion: Completion,
+    pub(super) recruiting_ids: RecruitingIds,
+    pub(super) include: Include,
+    pub(super) fit: FitSettings,
+    pub(super) plans: Vec<FitPlan>,
+    pub(super) paper: Vec<PaperFigure>,
+}
+
+impl Study {
+    /// Parses a study file. `file_name` only serves error messages.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
+    pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::study(file_name, text)
+    }
+
+    /// The study's id, which its links carry.
+    pub fn id(&self) -> &StudyId {
+        &self.id
+    }
+
+    /// The title that participants see.
+    pub fn title(&self) -> &str {
+        &self.title
+    }
+
+    /// One line about the study, for lists.
+    pub fn summary(&self) -> &str {
+        &self.summary
+    }
+
+    /// How long a run takes, in minutes.
+    pub fn minutes(&self) -> u32 {
+        self.minutes
+    }
+
+    /// Whom participants can ask.
+    pub fn contact(&self) -> &str {
+        &self.contact
+    }
+
+    /// The unit of rewards.
+    pub fn reward_unit(&self) -> &RewardUnit {
+        &self.reward_unit
+    }
+
+    /// The reward that the unit-free sensitivity refers to (models.md, section 4): never zero.
+    pub fn reference_reward(&self) -> f64 {
+        self.reference_reward
+    }
+
+    /// The factors of the design, in file order.
+    pub fn factors(&self) -> &[Factor] {
+        &self.factors
+    }
+
+    /// The cells of the design, in file order.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    /// The cell with this id.
+    pub fn cell(&self, id: &str) -> Option<&Cell> {
+        self.cells.iter().find(|cell| cell.id == *id)
+    }
+
+    /// The fit plans, in file order; at least one.
+    pub fn plans(&self) -> &[FitPlan] {
+        &self.plans
+    }
+
+    /// How the models are fitted.
+    pub fn fit(&self) -> &FitSettings {
+        &self.fit
+    }
+
+    /// The baseline questions, in file order.
+    pub fn baseline(&self) -> &[Baseline] {
+        &self.baseline
+    }
+
+    /// The share of optimal answers to baseline questions in the source paper.
+    pub fn baseline_share(&self) -> Option<f64> {
+        self.baseline_share
+    }
+
+    /// The source paper's figures, in file order.
+    pub fn paper(&self) -> &[PaperFigure] {
+        &self.paper
+    }
+
+    /// What a finished run shows and where it leads.
+    pub fn completion(&self) -> &Completion {
+        &self.completion
+    }
+
+    /// How the ids that recruiting platforms send are stored.
+    pub fn recruiting_ids(&self) -> RecruitingIds {
+        self.recruiting_ids
+    }
+
+    /// Whose answers are analysed.
+    pub fn include(&self) -> Include {
+        self.include
+    }
+
+    /// The study file.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// SHA-256 of the study file, in lower-case hexadecimal digits.
+    pub fn hash(&self) -> &str {
+        &self.hash
+    }
+}
+
+/// The unit in which rewards are counted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RewardUnit {
+    /// Its name in the plural, such as `US dollars`.
+    pub name: String,
+    /// What stands before a number, such as `$`.
+    pub prefix: String,
+    /// What stands after a number, such as ` points`.
+    pub suffix: String,
+}
+
+impl RewardUnit {
+    /// A reward with its unit, such as `−$500`.
+    pub fn format(&self, reward: f64) -> String {
+        let sign = if reward < 0.0 { "\u{2212}" } else { "" };
+        format!("{sign}{}{}{}", self.prefix, reward.abs(), self.suffix)
+    }
+}
+
+/// A factor of the design.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Factor {
+    /// Its id.
+    pub id: FactorId,
+    /// Its text on pages.
+    pub label: String,
+    /// Its levels, in file order; at least one.
+    pub levels: Vec<Level>,
+}
+
+/// A level of a factor.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Level {
+    /// Its id.
+    pub id: LevelId,
+    /// Its text on pages.
+    pub label: String,
+}
+
+/// What a finished run shows and where it leads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Completion {
+    /// The heading.
+    pub title: String,
+    /// The text as HTML.
+    pub text_html: String,
+    /// The code that proves completion to a recruiting platform.
+    pub code: CompletionCode,
+    pub(super) redirect: Option<String>,
+}
+
+impl Completion {
+    /// Where a person with this completion code is sent, if the study sends people anywhere: an `https` address.
+    pub fn redirect_url(&self, code: &str) -> Option<String> {
+        self.redirect
+            .as_ref()
+            .map(|url| url.replace("{code}", code))
+    }
+}
+
+/// Where completion codes come from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum CompletionCode {
+    /// The same for everybody, as Prolific wants it: letters, digits, `-` and `_`.
+    Fixed(String),
+    /// One per run.
+    PerRun,
+}
+
+/// How the ids that recruiting platforms send are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RecruitingIds {
+    /// Under a keyed hash.
+    Hashed,
+    /// As they are.
+    Plain,
+}
+
+/// Whose answers are analysed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Include {
+    /// Those of people who finished.
+    Completed,
+    /// Every valid answer as soon as it is given; withdrawn ones are erased.
+    All,
+}
+
+/// A block of the study file.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) id: BlockId,
+    pub(super) body: BlockBody,
+}
+
+/// What a block consists of.
+#[derive(Debug, Clone)]
+pub(super) enum BlockBody {
+    Consent(ConsentText),
+    Info(InfoText),
+    Choice(Choices),
+    Form(FormText),
+}
+
+/// The questions of a choice block.
+#[derive(Debug, Clone)]
+pub(super) struct Choices {
+    pub(super) limit_ms: Option<u64>,
+    pub(super) start: Option<InfoText>,
+    pub(super) order: Order,
+    pub(super) units: Vec<Unit>,
+    pub(super) questions: Vec<ChoiceQuestion>,
+}
+
+/// Questions that stay together whatever the order of the block: a group, or a question of its own.
+#[derive(Debug, Clone)]
+pub(super) struct Unit {
+    pub(super) order: Order,
+    pub(super) questions: Range<usize>,
+}
+
+/// Whether an order is that of the file or drawn for each run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Order {
+    #[default]
+    Fixed,
+    Random,
+}

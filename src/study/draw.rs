@@ -1,0 +1,180 @@
+//! The steps of one run, drawn at its start and stored.
+
+use std::collections::BTreeMap;
+
+use rand::Rng;
+use rand::seq::SliceRandom;
+use serde::{Deserialize, Serialize};
+
+use super::definition::{BlockBody, Choices, Order, Study, Unit};
+use super::{ActionId, BlockId, FactorId, LevelId, QuestionId};
+
+/// What kind of step it is: the name under which it is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StepKind {
+    /// Asks for consent.
+    Consent,
+    /// Tells something; a button goes on.
+    Info,
+    /// Asks to choose an action.
+    Choice,
+    /// Asks to fill in fields.
+    Form,
+    /// The end of the run.
+    Thanks,
+}
+
+impl StepKind {
+    /// The name under which the kind is stored.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Consent => "consent",
+            Self::Info => "info",
+            Self::Choice => "choice",
+            Self::Form => "form",
+            Self::Thanks => "thanks",
+        }
+    }
+}
+
+/// One step of a run as it is stored: what was drawn, while texts come from the study's version.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StepPlan {
+    /// Its kind.
+    pub kind: StepKind,
+    /// The block that it belongs to. The start page of a choice block is an info step of that block; the last step
+    /// belongs to a block named `thanks`.
+    pub block: BlockId,
+    /// The question, for choices.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub question: Option<QuestionId>,
+    /// The time limit, for timed choices, before the person's time factor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limit_ms: Option<u64>,
+    /// What was drawn for it.
+    #[serde(default)]
+    pub data: StepData,
+}
+
+/// What is particular to a step in one run.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct StepData {
+    /// The question's factor levels, for whoever reads the stored run without its study file.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub levels: BTreeMap<FactorId, LevelId>,
+    /// The order in which the actions stand on the page.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub actions: Vec<ActionId>,
+    /// Which question of its block this is, counted from 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub number: Option<usize>,
+    /// How many questions its block asks.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub of: Option<usize>,
+}
+
+/// The block of the last step. A study file cannot use this id for a block of its own.
+pub(super) const THANKS_BLOCK: &str = "thanks";
+
+impl Study {
+    /// Draws the whole run of one person: every step in order, with all random orders settled.
+    ///
+    /// Only orders that the file calls random use `rng`.
+    pub fn draw_steps(&self, rng: &mut impl Rng) -> Vec<StepPlan> {
+        let mut steps = Vec::new();
+        let mut action_orders = ActionOrders::default();
+        for block in &self.blocks {
+            match &block.body {
+                BlockBody::Consent(_) => steps.push(plain_step(StepKind::Consent, &block.id)),
+                BlockBody::Info(_) => steps.push(plain_step(StepKind::Info, &block.id)),
+                BlockBody::Form(_) => steps.push(plain_step(StepKind::Form, &block.id)),
+                BlockBody::Choice(choices) => {
+                    if choices.start.is_some() {
+                        steps.push(plain_step(StepKind::Info, &block.id));
+                    }
+                    steps.extend(self.draw_block(&block.id, choices, &mut action_orders, rng));
+                }
+            }
+        }
+        steps.push(plain_step(StepKind::Thanks, &BlockId::from(THANKS_BLOCK)));
+        steps
+    }
+
+    fn draw_block(
+        &self,
+        block: &BlockId,
+        choices: &Choices,
+        action_orders: &mut ActionOrders,
+        rng: &mut impl Rng,
+    ) -> Vec<StepPlan> {
+        let mut units: Vec<&Unit> = choices.units.iter().collect();
+        if choices.order == Order::Random {
+            units.shuffle(rng);
+        }
+        let mut order = Vec::with_capacity(choices.questions.len());
+        for unit in units {
+            let mut members: Vec<usize> = unit.questions.clone().collect();
+            if unit.order == Order::Random {
+                members.shuffle(rng);
+            }
+            order.extend(members);
+        }
+        let of = order.len();
+        order
+            .into_iter()
+            .enumerate()
+            .map(|(position, index)| {
+                let question = &choices.questions[index];
+                let actions: Vec<ActionId> = question
+                    .actions
+                    .iter()
+                    .map(|action| action.id.clone())
+                    .collect();
+                StepPlan {
+                    kind: StepKind::Choice,
+                    block: block.clone(),
+                    question: Some(question.id.clone()),
+                    limit_ms: choices.limit_ms,
+                    data: StepData {
+                        levels: question.levels.iter().cloned().collect(),
+                        actions: if self.draws_action_order {
+                            action_orders.draw(actions, rng)
+                        } else {
+                            actions
+                        },
+                        number: Some(position + 1),
+                        of: Some(of),
+                    },
+                }
+            })
+            .collect()
+    }
+}
+
+/// One order per run and set of actions, so that a person finds each action in the same place throughout.
+#[derive(Default)]
+struct ActionOrders(BTreeMap<Vec<ActionId>, Vec<ActionId>>);
+
+impl ActionOrders {
+    fn draw(&mut self, actions: Vec<ActionId>, rng: &mut impl Rng) -> Vec<ActionId> {
+        self.0
+            .entry(actions)
+            .or_insert_with_key(|actions| {
+                let mut order = actions.clone();
+                order.shuffle(rng);
+                order
+            })
+            .clone()
+    }
+}
+
+fn plain_step(kind: StepKind, block: &BlockId) -> StepPlan {
+    StepPlan {
+        kind,
+        block: block.clone(),
+        question: None,
+        limit_ms: None,
+        data: StepData::default(),
+    }
+}

@@ -1,0 +1,45 @@
+//! Studies: the file that describes one, and the steps of a person's run through it.
+//!
+//! A study file (TOML) is parsed once, at the edge, into a [`Study`] that cannot be wrong. A run's steps are drawn
+//! from it at the run's start ([`Study::draw_steps`]) and stored; each stored step is turned into what the page shows
+//! with [`Study::step`], which also reads what the page posts. Nothing here reads files, clocks or global randomness.
+//!
+//! In reading order:
+//! * `definition`: [`Study`] and what it tells about itself,
+//! * `cell`: cells of the design and the baseline questions,
+//! * `plan`: what is fitted, and how,
+//! * `draw`: a run's list of steps,
+//! * [`step`]: what each kind of step shows and accepts,
+//! * `timing`: the rules of time limits,
+//! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
+//!   (texts),
+//! * `built_in`: the studies compiled into the program.
+
+mod built_in;
+mod cell;
+mod definition;
+mod document;
+mod draw;
+mod error;
+mod file;
+mod id;
+mod markup;
+mod parse;
+mod plan;
+pub mod step;
+mod template;
+mod timing;
+
+pub use built_in::built_in;
+pub use cell::{ActionLabel, Baseline, Cell};
+pub use definition::{
+    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit, Study,
+};
+pub use draw::{StepData, StepKind, StepPlan};
+pub use error::ParseError;
+pub use id::{ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, StudyId};
+pub use plan::{
+    FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting, Zero,
+};
+pub use step::{Reply, Step, StepError};
+pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

@@ -1,0 +1,181 @@
+//! The kinds of steps: what each shows, and which replies it accepts.
+//!
+//! A new kind is one variant of [`Step`] and one module here.
+
+mod choice;
+mod consent;
+mod form;
+mod info;
+mod thanks;
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+pub(super) use choice::ChoiceQuestion;
+pub use choice::{ActionView, ChoiceStep, ClientTiming, InputDevice};
+pub(super) use consent::ConsentText;
+pub use consent::{ConsentStep, DeclinedPage};
+pub(super) use form::FormText;
+pub use form::{Field, FieldKind, FieldOption, FormStep};
+pub use info::InfoStep;
+pub(super) use info::InfoText;
+pub use thanks::ThanksStep;
+
+use super::definition::{Block, BlockBody, Study};
+use super::draw::THANKS_BLOCK;
+use super::{ActionId, BlockId, QuestionId, StepKind, StepPlan};
+
+/// What a page posted: the fields of one form by name.
+pub type Fields = BTreeMap<String, String>;
+
+/// A step of a run, ready to be shown.
+#[derive(Debug, Clone)]
+pub enum Step<'a> {
+    /// Asks for consent.
+    Consent(ConsentStep<'a>),
+    /// Tells something; a button goes on.
+    Info(InfoStep<'a>),
+    /// Asks to choose an action.
+    Choice(ChoiceStep<'a>),
+    /// Asks to fill in fields.
+    Form(FormStep<'a>),
+    /// The end of the run.
+    Thanks(ThanksStep<'a>),
+}
+
+/// A checked reply to a step.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "reply", rename_all = "snake_case")]
+pub enum Reply {
+    /// Agreed to take part.
+    Agreed,
+    /// Declined to take part.
+    Declined,
+    /// Read an info step and went on.
+    Continued,
+    /// Chose an action.
+    Chose {
+        /// The action, one of those that the step offers.
+        action: ActionId,
+    },
+    /// The page says that its countdown ended before anything was chosen. Whether that is so is for the server's
+    /// clock to decide.
+    GaveUp,
+    /// Filled in a form.
+    Filled {
+        /// The answers by field id, those left empty left out: whole numbers, texts, or option ids. Own words beside
+        /// the option `other` stand under the field's id with `-other` added.
+        values: serde_json::Map<String, serde_json::Value>,
+    },
+}
+
+/// A field of a posted form that is not acceptable.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {message}")]
+pub struct FieldError {
+    /// The field's name in the form.
+    pub field: String,
+    /// What to do about it, for the person who fills it in.
+    pub message: String,
+}
+
+/// A stored step that does not fit the study version it is said to come from.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum StepError {
+    /// The block does not exist, or is of another kind.
+    #[error("study {study} has no {} block {block}", kind.as_str())]
+    Block {
+        /// The study's id.
+        study: String,
+        /// The block named by the step.
+        block: BlockId,
+        /// The step's kind.
+        kind: StepKind,
+    },
+    /// The question does not exist, or the step names none.
+    #[error("block {block} has no question {question:?}")]
+    Question {
+        /// The block.
+        block: BlockId,
+        /// The question named by the step.
+        question: Option<QuestionId>,
+    },
+    /// The stored order of actions names other actions than the question has.
+    #[error("question {question} of block {block} has no such order of actions: {actions:?}")]
+    Actions {
+        /// The block.
+        block: BlockId,
+        /// The question.
+        question: QuestionId,
+        /// The stored order.
+        actions: Vec<ActionId>,
+    },
+}
+
+impl Step<'_> {
+    /// Checks what a page posted for this step.
+    ///
+    /// Fields that the step does not know are ignored.
+    ///
+    /// # Errors
+    /// Every field that is missing or not acceptable.
+    pub fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+        match self {
+            Self::Consent(step) => step.read(fields),
+            Self::Info(_) => Ok(Reply::Continued),
+            Self::Choice(step) => step.read(fields),
+            Self::Form(step) => step.read(fields),
+            Self::Thanks(step) => step.read(),
+        }
+    }
+}
+
+impl Study {
+    /// What a stored step shows. `plan` must come from this version of the study.
+    ///
+    /// # Errors
+    /// When the study has no such step.
+    pub fn step<'a>(&'a self, plan: &StepPlan) -> Result<Step<'a>, StepError> {
+        let missing = || StepError::Block {
+            study: self.id.to_string(),
+            block: plan.block.clone(),
+            kind: plan.kind,
+        };
+        if plan.kind == StepKind::Thanks && plan.block == *THANKS_BLOCK {
+            return Ok(Step::Thanks(ThanksStep {
+                completion: &self.completion,
+            }));
+        }
+        let block = self
+            .blocks
+            .iter()
+            .find(|block| block.id == plan.block)
+            .ok_or_else(missing)?;
+        step_of_block(block, plan).unwrap_or_else(|| Err(missing()))
+    }
+}
+
+/// The step that `plan` names in `block`; `None` if the block holds no step of that kind.
+fn step_of_block<'a>(block: &'a Block, plan: &StepPlan) -> Option<Result<Step<'a>, StepError>> {
+    match (plan.kind, &block.body) {
+        (StepKind::Consent, BlockBody::Consent(text)) => Some(Ok(Step::Consent(text.step()))),
+        (StepKind::Info, BlockBody::Info(text)) => Some(Ok(Step::Info(text.step()))),
+        (StepKind::Info, BlockBody::Choice(choices)) => choices
+            .start
+            .as_ref()
+            .map(|text| Ok(Step::Info(text.step()))),
+        (StepKind::Choice, BlockBody::Choice(choices)) => {
+            Some(ChoiceStep::new(&block.id, &choices.questions, plan).map(Step::Choice))
+        }
+        (StepKind::Form, BlockBody::Form(text)) => Some(Ok(Step::Form(text.step()))),
+        (
+            StepKind::Consent
+            | StepKind::Info
+            | StepKind::Choice
+            | StepKind::Form
+            | StepKind::Thanks,
+            BlockBody::Consent(_) | BlockBody::Info(_) | BlockBody::Choice(_) | BlockBody::Form(_),
+        ) => None,
+    }
+}
