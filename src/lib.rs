@@ -5,9 +5,18 @@
 //! * [`model`]: prospects, choice problems and the models that turn them into choice probabilities.
 //! * [`inference`]: what choices say about a model's parameters: posterior, diagnostics, accuracy, curves.
 //! * [`study`]: study files, the steps of a run, and the rules of time limits.
+//! * [`store`]: the database, and the one writer through which answers enter it.
+//! * [`jobs`]: refits, and the closing of questions whose time ran out.
+//! * [`web`]: participant pages, results pages, JSON API.
 //! * [`cli`]: the commands of the `riskaware` binary.
+//! * [`clock`], [`chance`]: time and randomness, handed down from the binary.
 
+pub mod chance;
 pub mod cli;
+pub mod clock;
 pub mod inference;
+pub mod jobs;
 pub mod model;
+pub mod store;
 pub mod study;
+pub mod web;

@@ -1,2 +1,9 @@
-//! Binary.
-fn main() {}
+//! The `riskaware` program: parses arguments, starts logging, calls the library.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    riskaware::cli::Cli::parse().run()
+}

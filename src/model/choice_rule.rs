@@ -165,13 +165,14 @@ pub fn probabilities(
 /// * `theta`: θ ≥ 0 in 1/utility.
 /// * `values`: finite utilities, at least one.
 pub fn ln_softmax_into(theta: f64, values: &mut [f64]) {
-    let (best, highest) = values
-        .iter()
-        .copied()
-        .enumerate()
-        .fold((0, f64::NEG_INFINITY), |best, (i, value)| {
-            if value > best.1 { (i, value) } else { best }
-        });
+    let (best, highest) =
+        values
+            .iter()
+            .copied()
+            .enumerate()
+            .fold((0, f64::NEG_INFINITY), |best, (i, value)| {
+                if value > best.1 { (i, value) } else { best }
+            });
     // Differences first: θU itself may overflow, θ(U − max U) at worst reaches −∞ (and 0 where θ is 0).
     let mut others = 0.0;
     for (index, value) in values.iter_mut().enumerate() {

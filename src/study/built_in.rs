@@ -4,3 +4,17 @@
 pub fn built_in() -> Vec<(&'static str, &'static str)> {
     vec![("driving.toml", include_str!("../../studies/driving.toml"))]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::study::Study;
+
+    #[test]
+    fn every_built_in_study_is_valid() {
+        for (name, text) in built_in() {
+            let study = Study::parse(name, text).unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(format!("{}.toml", study.id()), name);
+        }
+    }
+}

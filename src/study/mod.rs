@@ -39,7 +39,7 @@ pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;
 pub use id::{ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, StudyId};
 pub use plan::{
-    FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting, Zero,
+    FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

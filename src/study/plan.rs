@@ -1,6 +1,7 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
 use super::{FactorId, LevelId, PartId, PlanId};
+use crate::model::RiskAwareOptions;
 
 /// A way to split the fitted cells: each part gets its own fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -31,10 +32,8 @@ pub struct FitSettings {
     pub samples: usize,
     /// The range that the prior of the weighting parameters allows.
     pub weighting: Weighting,
-    /// Whether decision weights are divided by their sum.
-    pub normalise: bool,
-    /// What an outcome of zero counts as.
-    pub zero: Zero,
+    /// What the Risk-Aware model assumes beside its parameters.
+    pub options: RiskAwareOptions,
     /// Priors that the study changes.
     pub priors: Priors,
 }
@@ -44,8 +43,7 @@ impl Default for FitSettings {
         Self {
             samples: 30,
             weighting: Weighting::Monotone,
-            normalise: true,
-            zero: Zero::Gain,
+            options: RiskAwareOptions::default(),
             priors: Priors::default(),
         }
     }
@@ -58,15 +56,6 @@ pub enum Weighting {
     Monotone,
     /// Uniform(0.05, 1): the paper's wider range.
     PaperRange,
-}
-
-/// What an outcome of zero counts as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Zero {
-    /// A gain, as in the paper.
-    Gain,
-    /// A loss where the prospect has no gain, else a gain.
-    SameSign,
 }
 
 /// Priors that a study changes; `None` keeps the default of models.md, section 4.

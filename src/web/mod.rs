@@ -4,7 +4,10 @@
 
 pub mod assets;
 mod error;
+mod guard;
 mod headers;
+mod home;
+mod participant;
 mod server;
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
@@ -29,7 +32,7 @@ pub use self::{
     error::{ApiError, Error},
     server::serve,
 };
-use crate::{chance::Chance, jobs::Catalogue, store::Store};
+use crate::{chance::Chance, jobs::Catalogue, store::{Population, Store}};
 
 /// The largest body that any form or API call needs, with room to spare.
 const BODY_LIMIT: usize = 64 * 1024;
@@ -52,12 +55,23 @@ pub struct AppState {
 }
 
 /// How a server was started, as far as pages depend on it.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct Settings {
     /// Results and API may be read on any address, not on loopback alone.
     pub open_results: bool,
-    /// The people of this server are simulated, and every page of results says so.
-    pub simulated: bool,
+    /// Whose answers this server takes and shows; where they are simulated, every page of results says so.
+    pub population: Population,
+}
+
+impl Settings {
+    /// Who may read results, in a sentence: on the first page and in the terminal.
+    pub fn access(&self) -> &'static str {
+        if self.open_results {
+            "Results and API are open to everybody who can reach this server (--open-results)."
+        } else {
+            "Results and API are shown on this machine's own address (127.0.0.1) only."
+        }
+    }
 }
 
 /// Who is at the other end of the connection.
@@ -65,10 +79,7 @@ pub struct Settings {
 pub struct Peer(pub SocketAddr);
 
 fn router(state: AppState, address: SocketAddr) -> Router {
-    let results = Router::new()
-        .merge(results::router())
-        .merge(api::router())
-        .layer(middleware::from_fn_with_state((state.settings.clone(), address), guard::results));
+    let results = Router::new().layer(middleware::from_fn_with_state((state.settings.clone(), address), guard::results));
     Router::new()
         .route("/healthz", get(health))
         .merge(home::router())

@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-pub(super) use choice::ChoiceQuestion;
 pub use choice::{ActionView, ChoiceStep, ClientTiming, InputDevice};
+pub(super) use choice::{ChoiceQuestion, Role};
 pub(super) use consent::ConsentText;
 pub use consent::{ConsentStep, DeclinedPage};
 pub(super) use form::FormText;

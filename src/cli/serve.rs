@@ -1,0 +1,140 @@
+//! `riskaware serve`: the server.
+
+use std::{
+    io::Write,
+    net::SocketAddr,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::Context;
+use clap::Args;
+use tokio::{net::TcpListener, signal::unix::SignalKind};
+use tokio_util::sync::CancellationToken;
+
+use crate::{
+    chance::Chance,
+    clock::Clock,
+    jobs::{self, Catalogue},
+    store::{Options, Population, Store},
+    study,
+    web::{self, AppState, Settings},
+};
+
+/// Settings of the server.
+#[derive(Debug, Clone, Args)]
+pub struct ServeArgs {
+    /// Address and port to listen on
+    #[arg(long, env = "RISKAWARE_LISTEN", default_value = "127.0.0.1:8080")]
+    pub listen: SocketAddr,
+    /// The database file; it is made if it does not exist
+    #[arg(long, env = "RISKAWARE_DATABASE", default_value = "riskaware.db")]
+    pub database: PathBuf,
+    /// A folder with study files (*.toml) to serve beside the built-in ones; the same id replaces a built-in study
+    #[arg(long, env = "RISKAWARE_STUDIES")]
+    pub studies: Option<PathBuf>,
+    /// Show results and API to everybody who can reach the server, not to this machine alone
+    #[arg(long, env = "RISKAWARE_OPEN_RESULTS")]
+    pub open_results: bool,
+}
+
+/// Runs the server until the process is asked to stop.
+///
+/// # Errors
+/// When the database, a study file or the address cannot be used; the message says which and why.
+pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
+    let server = Server::open(&args, Population::People).await?;
+    let address = server.listener.local_addr()?;
+    announce(address, &args, &server.state)?;
+    server.run(asked_to_stop()?).await
+}
+
+/// A server that is bound and ready to run.
+pub(super) struct Server {
+    pub listener: TcpListener,
+    pub state: AppState,
+}
+
+impl Server {
+    pub(super) async fn open(args: &ServeArgs, population: Population) -> anyhow::Result<Self> {
+        let studies = study_files(args.studies.as_deref())?;
+        let store = Store::open(Options::at(&args.database), Clock::start())
+            .await
+            .with_context(|| format!("opening the database {}", args.database.display()))?;
+        let catalogue = Catalogue::publish(&store, studies).await.context("reading the study files")?;
+        let listener = TcpListener::bind(args.listen)
+            .await
+            .with_context(|| format!("listening on {}; choose another address with --listen", args.listen))?;
+        let state = AppState {
+            store,
+            catalogue: Arc::new(catalogue),
+            chance: Chance::from_system(),
+            settings: Arc::new(Settings { open_results: args.open_results, population }),
+            stop: CancellationToken::new(),
+        };
+        Ok(Self { listener, state })
+    }
+
+    /// Serves with the background work until `shutdown` completes, and ends in order.
+    pub(super) async fn run(self, shutdown: impl Future<Output = ()>) -> anyhow::Result<()> {
+        let Self { listener, state } = self;
+        let (store, stop) = (state.store.clone(), state.stop.clone());
+        let background = jobs::start(&store, &state.catalogue, state.settings.population, &stop);
+        let disk_failed = store.failed();
+        web::serve(listener, state, async {
+            tokio::select! {
+                () = shutdown => {}
+                () = disk_failed => tracing::error!("the disk failed: ending, so that a supervisor can start anew"),
+            }
+        })
+        .await
+        .context("serving")?;
+        background.await;
+        store.close().await;
+        Ok(())
+    }
+}
+
+/// The built-in study files and those of a folder, which replace built-in ones of the same name.
+fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
+    let mut files: Vec<(String, String)> =
+        study::built_in().into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect();
+    let Some(folder) = folder else {
+        return Ok(files);
+    };
+    let entries = std::fs::read_dir(folder).with_context(|| format!("reading the studies folder {}", folder.display()))?;
+    for entry in entries {
+        let path = entry?.path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
+        files.push((path.display().to_string(), text));
+    }
+    Ok(files)
+}
+
+/// Says where everything is, on standard output: the log goes to standard error.
+fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    writeln!(out, "riskaware {} serves http://{address}", env!("CARGO_PKG_VERSION"))?;
+    writeln!(out, "  database      {}", args.database.display())?;
+    for study in state.catalogue.studies() {
+        writeln!(out, "  take part     http://{address}/s/{}", study.id())?;
+        writeln!(out, "  results       http://{address}/results/{}", study.id())?;
+    }
+    writeln!(out, "  {}", state.settings.access())?;
+    out.flush()?;
+    Ok(())
+}
+
+/// Completes at Ctrl-C or when a supervisor ends the program.
+pub(super) fn asked_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
+    let mut terminate = tokio::signal::unix::signal(SignalKind::terminate()).context("listening for SIGTERM")?;
+    Ok(async move {
+        tokio::select! {
+            _ = tokio::signal::ctrl_c() => {}
+            _ = terminate.recv() => {}
+        }
+    })
+}

@@ -1,0 +1,78 @@
+//! Reads the one form of a participant page.
+//!
+//! These are the server's own pages, so the reader knows their habits: attributes in double quotes, one form, text
+//! inputs, radio buttons and submit buttons. A parser for all of HTML would only slow down a load generator.
+
+/// What a page asks.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Page {
+    /// Where the form is sent; none on a page that asks nothing.
+    pub action: Option<String>,
+    /// The block and the question of a choice.
+    pub question: Option<(String, String)>,
+    /// Hidden fields with their values.
+    pub hidden: Vec<(String, String)>,
+    /// Submit buttons: name and value.
+    pub buttons: Vec<(String, String)>,
+    /// Radio buttons: name and value.
+    pub options: Vec<(String, String)>,
+    /// Whether the completion code stands on it.
+    pub is_finished: bool,
+}
+
+impl Page {
+    pub(super) fn read(html: &str) -> Self {
+        let mut page = Self { is_finished: html.contains("class=\"completion__code\""), ..Self::default() };
+        for tag in html.split('<').skip(1).filter_map(|rest| rest.split_once('>').map(|(tag, _)| tag)) {
+            let named = || Some((attribute(tag, "name")?, attribute(tag, "value").unwrap_or_default()));
+            match tag.split_whitespace().next() {
+                Some("form") => {
+                    page.action = attribute(tag, "action");
+                    page.question = attribute(tag, "data-block").zip(attribute(tag, "data-question"));
+                }
+                Some("button") => page.buttons.extend(named()),
+                Some("input") => match attribute(tag, "type").as_deref() {
+                    Some("hidden") => page.hidden.extend(named()),
+                    Some("radio") => page.options.extend(named()),
+                    _ => {}
+                },
+                _ => {}
+            }
+        }
+        page
+    }
+}
+
+fn attribute(tag: &str, name: &str) -> Option<String> {
+    let start = tag.match_indices(name).find_map(|(at, _)| {
+        let rest = tag[at + name.len()..].strip_prefix("=\"")?;
+        tag[..at].ends_with(char::is_whitespace).then_some(rest)
+    })?;
+    let value = start.split('"').next()?;
+    Some(value.replace("&#38;", "&").replace("&amp;", "&"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_choice_page_is_read() {
+        let page = Page::read(
+            r#"<form class="choice" method="post" action="/r/abc" data-block="timed" data-question="low">
+               <input type="hidden" name="step" value="4"><input type="hidden" name="input">
+               <button class="button" name="action" value="stop">Stop</button></form>"#,
+        );
+        assert_eq!(page.action.as_deref(), Some("/r/abc"));
+        assert_eq!(page.question, Some(("timed".into(), "low".into())));
+        assert_eq!(page.hidden, [("step".into(), "4".into()), ("input".into(), String::new())]);
+        assert_eq!(page.buttons, [("action".into(), "stop".into())]);
+        assert!(!page.is_finished);
+    }
+
+    #[test]
+    fn a_page_without_a_form_asks_nothing() {
+        let page = Page::read(r#"<p class="completion__code">ABC</p>"#);
+        assert_eq!(page, Page { is_finished: true, ..Page::default() });
+    }
+}

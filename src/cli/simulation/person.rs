@@ -1,0 +1,157 @@
+//! One simulated person: reads a page, decides, sends the form.
+
+use std::{sync::Arc, time::Duration};
+
+use rand::{Rng, RngExt};
+use reqwest::{Client, Response, StatusCode, header};
+
+use super::page::Page;
+use crate::{
+    model::{self, ChoiceError, ChoiceProblem, Parameters, RiskAwareOptions},
+    study::{BlockId, QuestionId, Study},
+};
+
+/// No run has more pages; a person who meets more goes round in circles.
+const MOST_PAGES: usize = 500;
+/// How often a busy server is asked again before the person gives up.
+const MOST_RETRIES: u32 = 20;
+
+/// A person with a way to choose.
+pub struct Person<R> {
+    /// The study being taken, for the prospects behind its questions.
+    pub study: Arc<Study>,
+    /// How this person chooses.
+    pub parameters: Parameters,
+    /// How the study's weights are made.
+    pub options: RiskAwareOptions,
+    /// The mean time spent on a page; zero for a load generator.
+    pub thinking: Duration,
+    /// This person's chance.
+    pub rng: R,
+}
+
+/// Why a simulated person could not finish.
+#[derive(Debug, thiserror::Error)]
+pub enum PersonError {
+    /// The connection failed.
+    #[error("request: {0}")]
+    Request(#[from] reqwest::Error),
+    /// The server did not show the page that was asked for.
+    #[error("{method} {path} was answered with {status}")]
+    Status {
+        /// `GET` or `POST`.
+        method: &'static str,
+        /// What was asked for, without its token.
+        path: &'static str,
+        /// The answer's status.
+        status: StatusCode,
+    },
+    /// A page that a person could not go on from.
+    #[error("the page after {0} answers asks nothing and is not the last one")]
+    DeadEnd(usize),
+    /// The model cannot say what the person would do.
+    #[error("choice: {0}")]
+    Choice(#[from] ChoiceError),
+}
+
+impl<R: Rng> Person<R> {
+    /// Takes the study from its link to the last page; returns how many pages were turned.
+    ///
+    /// # Errors
+    /// When the server does not answer as it should.
+    pub async fn takes_part(&mut self, client: &Client, server: &str) -> Result<usize, PersonError> {
+        let landing = format!("{server}/s/{}", self.study.id());
+        let mut html = text("GET", "/s/STUDY", client.get(landing).send().await?).await?;
+        for turned in 0..MOST_PAGES {
+            let page = Page::read(&html);
+            if page.is_finished {
+                return Ok(turned);
+            }
+            let action = page.action.clone().ok_or(PersonError::DeadEnd(turned))?;
+            self.thinks().await;
+            let fields = self.fills_in(page)?;
+            html = send(client, &format!("{server}{action}"), &fields).await?;
+        }
+        Err(PersonError::DeadEnd(MOST_PAGES))
+    }
+
+    /// Exponential times: mostly short, sometimes long, so that some timed questions run out.
+    async fn thinks(&mut self) {
+        if !self.thinking.is_zero() {
+            let share: f64 = self.rng.random();
+            tokio::time::sleep(self.thinking.mul_f64(-(1.0 - share).ln())).await;
+        }
+    }
+
+    fn fills_in(&mut self, page: Page) -> Result<Vec<(String, String)>, PersonError> {
+        let mut fields = page.hidden;
+        match page.question {
+            Some((block, question)) => {
+                let names: Vec<String> = page.buttons.into_iter().map(|(_, value)| value).collect();
+                let action = self.chooses(&block.as_str().into(), &question.as_str().into(), &names)?;
+                fields.push(("action".to_owned(), action));
+            }
+            // The first button is the one that goes on.
+            None => fields.extend(page.buttons.into_iter().next()),
+        }
+        let mut options = page.options;
+        while let Some((name, _)) = options.first().cloned() {
+            let (these, others): (Vec<_>, Vec<_>) = options.into_iter().partition(|(other, _)| *other == name);
+            // Whoever picks "other" would have to write something.
+            let these: Vec<_> = these.into_iter().filter(|(_, value)| value != "other").collect();
+            fields.extend(these.get(self.rng.random_range(0..these.len().max(1))).cloned());
+            options = others;
+        }
+        Ok(fields)
+    }
+
+    fn chooses(&mut self, block: &BlockId, question: &QuestionId, names: &[String]) -> Result<String, PersonError> {
+        let toss = self.rng.random_range(0..names.len().max(1));
+        let Some(problem) = self.study.problem(block, question) else {
+            // Nothing is known that the model could weigh.
+            return Ok(names.get(toss).cloned().unwrap_or_default());
+        };
+        Ok(draw(problem, &self.parameters, self.options, &mut self.rng)?)
+    }
+}
+
+/// An action drawn with the model's probabilities.
+fn draw(
+    problem: &ChoiceProblem,
+    parameters: &Parameters,
+    options: RiskAwareOptions,
+    rng: &mut impl Rng,
+) -> Result<String, ChoiceError> {
+    let probabilities = model::probabilities(problem, parameters, options)?;
+    let mut left: f64 = rng.random();
+    let mut chosen = 0;
+    for (position, probability) in probabilities.iter().enumerate() {
+        chosen = position;
+        left -= probability;
+        if left < 0.0 {
+            break;
+        }
+    }
+    Ok(problem.actions()[chosen].name.clone())
+}
+
+/// Sends a form until the server has taken it, as a page does that keeps its pending form.
+async fn send(client: &Client, url: &str, fields: &[(String, String)]) -> Result<String, PersonError> {
+    let mut tries = 0;
+    loop {
+        let response = client.post(url).form(fields).send().await?;
+        if response.status() != StatusCode::SERVICE_UNAVAILABLE || tries == MOST_RETRIES {
+            return text("POST", "a form", response).await;
+        }
+        tries += 1;
+        let seconds = response.headers().get(header::RETRY_AFTER).and_then(|value| value.to_str().ok()?.parse().ok());
+        tokio::time::sleep(Duration::from_secs(seconds.unwrap_or(1))).await;
+    }
+}
+
+async fn text(method: &'static str, path: &'static str, response: Response) -> Result<String, PersonError> {
+    match response.status() {
+        StatusCode::OK => Ok(response.text().await?),
+        status => Err(PersonError::Status { method, path, status }),
+    }
+}

@@ -1,0 +1,157 @@
+//! The blocks of a run, each read as its kind says.
+
+use serde::de::DeserializeOwned;
+
+use super::cells::AskedCell;
+use super::design::Design;
+use super::{choices, forms, rules};
+use crate::study::definition::{Block, BlockBody};
+use crate::study::document::{Document, Fault, KeyPath, did_you_mean, list};
+use crate::study::draw::THANKS_BLOCK;
+use crate::study::file::{RawConsent, RawInfo, RawStudy};
+use crate::study::step::{ConsentText, InfoText};
+use crate::study::template::Scope;
+use crate::study::{Baseline, BlockId, ParseError};
+
+/// The kinds of blocks.
+const KINDS: [&str; 4] = ["consent", "info", "choice", "form"];
+
+/// What all blocks together ask.
+#[derive(Default)]
+pub(super) struct Asked {
+    pub(super) blocks: Vec<Block>,
+    pub(super) baseline: Vec<Baseline>,
+    pub(super) baseline_share: Option<f64>,
+    /// The questions that belong to cells, in file order.
+    pub(super) asked: Vec<AskedCell>,
+}
+
+/// What reading a block needs.
+pub(super) struct Reader<'a> {
+    pub(super) document: &'a Document<'a>,
+    pub(super) raw: &'a RawStudy,
+    pub(super) design: &'a Design<'a>,
+}
+
+/// Reads every block.
+pub(super) fn read(
+    document: &Document<'_>,
+    raw: &RawStudy,
+    design: &Design<'_>,
+) -> Result<Asked, ParseError> {
+    let reader = Reader {
+        document,
+        raw,
+        design,
+    };
+    let list = KeyPath::root().key("block");
+    let mut asked = Asked::default();
+    for index in 0..raw.block.len() {
+        let at = list.index(index);
+        let (id, body) = reader.block(&at, &mut asked)?;
+        if asked.blocks.iter().any(|block| block.id == *id) {
+            let fault = at.key("id").fault(
+                format!("`{id}` for the second time"),
+                "another id for each block",
+            );
+            return Err(document.refuse(&fault));
+        }
+        asked.blocks.push(Block {
+            id: BlockId::from(id),
+            body,
+        });
+    }
+    if asked.blocks.is_empty() {
+        return Err(document.refuse(&list.fault("no block", "one block or more")));
+    }
+    Ok(asked)
+}
+
+impl Reader<'_> {
+    fn block(&self, at: &KeyPath, asked: &mut Asked) -> Result<(String, BlockBody), ParseError> {
+        let scope = self.design.scope();
+        let refuse = |fault: Fault| self.document.refuse(&fault);
+        match self.document.text_at(&at.key("kind")) {
+            Some("consent") => {
+                let raw: RawConsent = self.table(at)?;
+                let id = block_id(&raw.id, at).map_err(refuse)?;
+                Ok((
+                    id,
+                    BlockBody::Consent(consent(&raw, &scope, at).map_err(refuse)?),
+                ))
+            }
+            Some("info") => {
+                let raw: RawInfo = self.table(at)?;
+                let id = block_id(&raw.id, at).map_err(refuse)?;
+                Ok((id, BlockBody::Info(info(&raw, &scope, at).map_err(refuse)?)))
+            }
+            Some("form") => {
+                let raw = self.table(at)?;
+                let (id, form) = forms::read(&raw, &scope, at).map_err(refuse)?;
+                Ok((id, BlockBody::Form(form)))
+            }
+            Some("choice") => {
+                let raw = self.table(at)?;
+                let (id, choices) = choices::read(self, &raw, at, asked).map_err(refuse)?;
+                Ok((id, BlockBody::Choice(choices)))
+            }
+            Some(other) => {
+                let found = format!(
+                    "unknown kind {}{}",
+                    rules::shown(other),
+                    did_you_mean(other, KINDS)
+                );
+                Err(refuse(at.key("kind").fault(found, list(KINDS))))
+            }
+            None => Err(refuse(
+                at.key("kind").fault("no kind of block", list(KINDS)),
+            )),
+        }
+    }
+
+    fn table<T: DeserializeOwned>(&self, at: &KeyPath) -> Result<T, ParseError> {
+        self.document.read_table(at, "kind")
+    }
+}
+
+/// A block's id.
+pub(super) fn block_id(id: &str, at: &KeyPath) -> Result<String, Fault> {
+    let at = at.key("id");
+    if id == THANKS_BLOCK {
+        return Err(at.fault("`thanks`", "another id: this one is the end of every run"));
+    }
+    rules::id(id, &at)
+}
+
+/// The name of a drawn scene.
+pub(super) fn scene(scene: Option<&String>, at: &KeyPath) -> Result<Option<String>, Fault> {
+    scene
+        .map(|scene| rules::id(scene, &at.key("scene")))
+        .transpose()
+}
+
+fn consent(raw: &RawConsent, scope: &Scope<'_>, at: &KeyPath) -> Result<ConsentText, Fault> {
+    rules::line(&raw.version, &at.key("version"))?;
+    Ok(ConsentText {
+        version: raw.version.clone(),
+        title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
+        text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
+        agree: rules::filled_line(&raw.agree, scope, &at.key("agree"))?,
+        decline: rules::filled_line(&raw.decline, scope, &at.key("decline"))?,
+        declined_title: rules::filled_line(&raw.declined_title, scope, &at.key("declined_title"))?,
+        declined_text_html: rules::filled_markdown(
+            &raw.declined_text,
+            scope,
+            &at.key("declined_text"),
+        )?,
+    })
+}
+
+fn info(raw: &RawInfo, scope: &Scope<'_>, at: &KeyPath) -> Result<InfoText, Fault> {
+    Ok(InfoText {
+        title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
+        text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
+        scene: scene(raw.scene.as_ref(), at)?,
+        button: rules::filled_line(&raw.button, scope, &at.key("button"))?,
+    })
+}

@@ -1,0 +1,52 @@
+//! The first page: the studies, and who may see their results.
+
+use std::sync::Arc;
+
+use askama::Template;
+use askama_web::WebTemplate;
+use axum::{Router, extract::State, routing::get};
+
+use super::{AppState, Error, Settings, assets};
+use crate::{
+    jobs::Catalogue,
+    store::{Store, StudyState},
+};
+
+pub(super) fn router() -> Router<AppState> {
+    Router::new().route("/", get(home))
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "home.html")]
+struct HomePage {
+    studies: Vec<Entry>,
+    simulated: bool,
+    access: &'static str,
+}
+
+struct Entry {
+    id: String,
+    title: String,
+    summary: String,
+    minutes: u32,
+    is_open: bool,
+}
+
+async fn home(
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    State(settings): State<Arc<Settings>>,
+) -> Result<HomePage, Error> {
+    let states = store.studies().await?;
+    let studies = catalogue
+        .studies()
+        .map(|study| Entry {
+            id: study.id().to_string(),
+            title: study.title().to_owned(),
+            summary: study.summary().to_owned(),
+            minutes: study.minutes(),
+            is_open: states.iter().any(|row| row.id == *study.id() && row.state == StudyState::Open),
+        })
+        .collect();
+    Ok(HomePage { studies, simulated: settings.population.is_simulated(), access: settings.access() })
+}

@@ -1,0 +1,88 @@
+//! From a study's link to the start of a run.
+
+use std::{collections::BTreeMap, sync::Arc};
+
+use axum::{
+    extract::{Path, Query, State},
+    response::Redirect,
+};
+
+use super::{Looking, pages::LandingPage, recruiting};
+use crate::{
+    chance::Chance,
+    jobs::Catalogue,
+    store::{NewRun, Store, Token, draw_run},
+    study::{RecruitingIds, StudyId, TimeFactor},
+    web::{Error, Settings},
+};
+
+/// GET `/s/STUDY?…`: notes the arrival and leads to an address without the recruiting ids.
+///
+/// Nothing is drawn and no place is taken yet, so that whatever only previews links uses nothing up.
+pub(super) async fn arrive(
+    _: Looking,
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    State(chance): State<Chance>,
+    Path(study): Path<StudyId>,
+    Query(query): Query<BTreeMap<String, String>>,
+) -> Result<Redirect, Error> {
+    let mut arrival = recruiting::read(&query)?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
+    match served.recruiting_ids() {
+        RecruitingIds::Plain => {}
+        RecruitingIds::Hashed => {
+            for (parameter, value) in &mut arrival.recruiting {
+                *value = store.recruiting_id(&study, parameter, value);
+            }
+        }
+    }
+    let token = Token::random(&mut chance.fork());
+    store.arrive(&token, &study, arrival).await?;
+    Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
+}
+
+/// GET `/s/STUDY/a/TOKEN`: what the study is, and the button that starts it.
+pub(super) async fn landing(
+    _: Looking,
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    Path((study, token)): Path<(StudyId, String)>,
+) -> Result<LandingPage, Error> {
+    let token = read_token(&token)?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
+    store.arrival(&token, &study).await?;
+    Ok(LandingPage {
+        title: served.title().to_owned(),
+        summary: served.summary().to_owned(),
+        minutes: served.minutes(),
+        study: study.to_string(),
+        token,
+    })
+}
+
+/// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
+pub(super) async fn start(
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    State(chance): State<Chance>,
+    State(settings): State<Arc<Settings>>,
+    Path((study, token)): Path<(StudyId, String)>,
+) -> Result<Redirect, Error> {
+    let arrival = read_token(&token)?;
+    let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
+    let run = NewRun {
+        version,
+        steps: draw_run(&served, &mut chance.fork())?,
+        factor: TimeFactor::ONE,
+        population: settings.population,
+        is_preview: false,
+    };
+    let started = store.start(&arrival, run).await?;
+    Ok(Redirect::to(&format!("/r/{}", started.link)))
+}
+
+/// A text that is no token opens nothing, just as an unknown one.
+pub(super) fn read_token(text: &str) -> Result<Token, Error> {
+    text.parse().map_err(|_| Error::NotFound("this link"))
+}

@@ -1,0 +1,42 @@
+import { accuracy } from "./figures/accuracy.mjs";
+import { actions } from "./figures/actions.mjs";
+import { Figure } from "./figures/figure.mjs";
+import { showTable } from "./figures/table-view.mjs";
+import { tables } from "./figures/tables.mjs";
+import { value, valueShape } from "./figures/value.mjs";
+import { weightOfRisk } from "./figures/weight-of-risk.mjs";
+import { weighting } from "./figures/weighting.mjs";
+
+const kinds = { actions, weighting, weight_of_risk: weightOfRisk, value, value_shape: valueShape, accuracy };
+
+/** All figures and live tables below `root`; a figure that fails leaves the others alone. */
+export class Figures {
+  constructor(root) {
+    this.figures = [];
+    for (const element of root.querySelectorAll("[data-figure]")) {
+      guarded(element, () => this.figures.push(new Figure(element, kinds[element.dataset.figure])));
+    }
+    this.tables = [...root.querySelectorAll("[data-table]")];
+  }
+
+  /** @param {{summary?: object, curves?: object, accuracy?: object, fetchedAt?: string}} data */
+  update(data) {
+    for (const figure of this.figures) guarded(figure.element, () => figure.update(data));
+    for (const frame of this.tables) {
+      guarded(frame, () => {
+        const table = tables[frame.dataset.table];
+        if (!table.needs.every((name) => data[name])) return;
+        const content = table.build(data);
+        if (content) showTable(frame, content);
+      });
+    }
+  }
+}
+
+function guarded(element, act) {
+  try {
+    act();
+  } catch (error) {
+    console.error("not drawn", element, error);
+  }
+}

@@ -1,0 +1,124 @@
+import { caption, planLabel } from "./caption.mjs";
+import { csv, drawingWidth, savePng, saveText, standaloneSvg } from "./export.mjs";
+import { filePalette, screenPalette } from "./palette.mjs";
+import { showTable } from "./table-view.mjs";
+
+let made = 0;
+
+/** One `<figure data-figure>`: its drawing, caption, table and downloads. */
+export class Figure {
+  /**
+   * @param {HTMLElement} element
+   * @param {object} kind what to draw: `needs`, `byPlan`, `draw`, `table`, `file`
+   */
+  constructor(element, kind) {
+    this.element = element;
+    this.kind = kind;
+    this.plan = element.dataset.plan ?? null;
+    made += 1;
+    this.id = `figure-${made}`;
+    this.drawn = false;
+    this.plot = this.part("plot");
+    this.captionLine = this.part("caption");
+    this.tools = this.part("tools");
+    this.tableFrame = this.part("table");
+    this.addTools();
+    new ResizeObserver(() => this.drawAgainIfWider()).observe(this.plot);
+  }
+
+  part(name) {
+    const part = this.element.querySelector(`[data-part=${name}]`);
+    if (!part) throw new Error(`figure "${this.element.dataset.figure}" has no part "${name}"`);
+    return part;
+  }
+
+  addTools() {
+    const offer = [
+      ["PNG", () => savePng(this.standalone(), this.fileName("png"))],
+      ["SVG", () => saveText(this.standalone(), "image/svg+xml", this.fileName("svg"))],
+      ["CSV", () => saveText(csv(this.kind.file(this.data, this)), "text/csv", this.fileName("csv"))],
+    ];
+    this.buttons = offer.map(([label, act]) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.className = "button";
+      button.textContent = label;
+      button.setAttribute("aria-label", `Download ${label}: ${this.title}`);
+      button.disabled = true;
+      button.addEventListener("click", () => act());
+      return button;
+    });
+    this.tools.append(...this.buttons);
+  }
+
+  get title() {
+    return this.element.querySelector("[data-part=title]")?.textContent.trim() ?? "";
+  }
+
+  get subtitle() {
+    return this.element.querySelector("[data-part=subtitle]")?.textContent.trim().replace(/\s+/g, " ") ?? "";
+  }
+
+  update(data) {
+    if (!this.kind.needs.every((name) => data[name])) return;
+    this.data = data;
+    if (this.kind.byPlan) this.offerPlans();
+    this.draw();
+    const content = this.kind.table(data, this);
+    showTable(this.tableFrame, content);
+    this.captionLine.textContent = caption(this.kind, data, this.plan);
+    for (const button of this.buttons) button.disabled = !this.drawn;
+  }
+
+  /** Keeps the chosen plan while it exists; offers a choice where there is more than one. */
+  offerPlans() {
+    const plans = [...new Set(this.data.curves.plans.map((entry) => entry.plan))];
+    if (!plans.includes(this.plan)) this.plan = plans[0] ?? null;
+    if (plans.length < 2 || this.offered === plans.join()) return;
+    this.offered = plans.join();
+    this.element.querySelector(".figure__plan")?.remove();
+    const label = document.createElement("label");
+    label.className = "figure__plan";
+    label.append("Fitted to ");
+    const select = document.createElement("select");
+    select.className = "select";
+    for (const plan of plans) select.add(new Option(planLabel(this.data.summary, plan), plan, false, plan === this.plan));
+    select.addEventListener("change", () => {
+      this.plan = select.value;
+      this.update(this.data);
+    });
+    label.append(select);
+    this.plot.before(label);
+  }
+
+  draw() {
+    const width = Math.floor(this.plot.clientWidth);
+    if (width < 100) return;
+    this.drawnWidth = width;
+    const drawing = this.drawing(width, screenPalette);
+    this.drawn = drawing !== null;
+    this.plot.classList.toggle("figure__plot--empty", !this.drawn);
+    this.plot.replaceChildren(drawing ?? "Nothing to draw yet: no fit has converged.");
+  }
+
+  drawing(width, palette) {
+    return this.kind.draw(this.data, { width, palette, plan: this.plan, id: this.id });
+  }
+
+  drawAgainIfWider() {
+    if (this.data && Math.floor(this.plot.clientWidth) !== this.drawnWidth) this.draw();
+  }
+
+  standalone() {
+    return standaloneSvg(this.drawing(drawingWidth, filePalette), {
+      title: this.title,
+      subtitle: this.subtitle,
+      caption: this.captionLine.textContent,
+    });
+  }
+
+  fileName(extension) {
+    const { study, data_version: version } = this.data.summary;
+    return [study.id, this.element.dataset.figure, this.plan, `v${version}`].filter(Boolean).join("-") + `.${extension}`;
+  }
+}

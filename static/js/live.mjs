@@ -1,0 +1,86 @@
+import { Figures } from "./figures.mjs";
+import { showNumbers } from "./numbers.mjs";
+
+const retryMs = 3000;
+const words = {
+  connecting: "Connecting…",
+  live: "Live: new answers appear by themselves.",
+  lost: "Connection lost. Trying again; the numbers below may be old.",
+};
+
+/** Keeps the results page in step with the server: fetches what a new version changed and shows it. */
+export class Live {
+  constructor(root) {
+    this.root = root;
+    this.connection = root.querySelector("[data-part=connection]");
+    this.data = {};
+    this.seen = { data_version: -1, fit_version: -1 };
+    this.wanted = null;
+    this.figures = new Figures(root);
+    this.say("connecting");
+    this.refresh(["summary", "curves", "accuracy"]);
+    this.listen();
+  }
+
+  listen() {
+    const events = new EventSource(this.root.dataset.events);
+    this.events = events;
+    events.addEventListener("open", () => this.say("live"));
+    events.addEventListener("version", (event) => this.changed(JSON.parse(event.data)));
+    events.addEventListener("error", () => {
+      this.say("lost");
+      // After an HTTP error the browser gives up by itself.
+      if (events.readyState === EventSource.CLOSED) setTimeout(() => this.listen(), retryMs);
+    });
+  }
+
+  changed(version) {
+    const parts = ["summary"];
+    if (version.fit_version !== this.seen.fit_version) parts.push("curves", "accuracy");
+    else if (version.data_version === this.seen.data_version) return;
+    this.refresh(parts);
+  }
+
+  /** One fetch at a time; what is asked for meanwhile follows as one more. */
+  async refresh(parts) {
+    if (this.wanted) {
+      for (const part of parts) this.wanted.add(part);
+      return;
+    }
+    this.wanted = new Set(parts);
+    while (this.wanted.size > 0) {
+      const now = [...this.wanted];
+      this.wanted.clear();
+      const results = await Promise.allSettled(now.map((part) => this.fetchPart(part)));
+      this.data.fetchedAt = new Date().toISOString();
+      this.show();
+      const failed = now.filter((_, index) => results[index].status === "rejected");
+      if (failed.length > 0) {
+        this.say("lost");
+        setTimeout(() => this.refresh(failed), retryMs);
+      } else if (this.events?.readyState === EventSource.OPEN) {
+        this.say("live");
+      }
+    }
+    this.wanted = null;
+  }
+
+  async fetchPart(part) {
+    const response = await fetch(this.root.dataset[part], { headers: { Accept: "application/json" }, cache: "no-store" });
+    if (!response.ok) throw new Error(`${part}: status ${response.status}`);
+    this.data[part] = await response.json();
+    if (part === "summary") this.seen.data_version = this.data.summary.data_version;
+    if (part === "curves") this.seen.fit_version = this.data.curves.fit_version;
+  }
+
+  show() {
+    if (this.data.summary) showNumbers(this.root, this.data.summary);
+    this.figures.update(this.data);
+  }
+
+  say(state) {
+    if (!this.connection || this.connection.dataset.state === state) return;
+    this.connection.dataset.state = state;
+    this.connection.textContent = words[state];
+  }
+}

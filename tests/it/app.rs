@@ -1,0 +1,165 @@
+//! The real server on a port of its own and a database file of its own, and people who talk to it over HTTP.
+
+use std::{net::SocketAddr, path::PathBuf, sync::Arc};
+
+use reqwest::{Client, Response, StatusCode};
+use riskaware::{
+    chance::Chance,
+    clock::Clock,
+    jobs::Catalogue,
+    store::{Options, Population, Store},
+    study::{self, Timestamp},
+    web::{self, AppState, Settings},
+};
+use scraper::{Html, Selector};
+use tokio::{net::TcpListener, task::JoinHandle};
+use tokio_util::sync::CancellationToken;
+
+/// 2026-01-01T00:00:00Z: where manual clocks start.
+pub const START: Timestamp = Timestamp(1_767_225_600_000);
+
+pub struct App {
+    pub url: String,
+    pub client: Client,
+    pub store: Store,
+    pub clock: Clock,
+    pub database: PathBuf,
+    stop: CancellationToken,
+    server: JoinHandle<std::io::Result<()>>,
+    _folder: tempfile::TempDir,
+}
+
+impl App {
+    /// A server whose clock only moves when the test moves it.
+    pub async fn start() -> Self {
+        Self::with(Clock::manual(START), study::built_in_files()).await
+    }
+
+    pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let database = folder.path().join("riskaware.db");
+        let store = Store::open(Options::at(&database), clock.clone()).await.unwrap();
+        let catalogue = Arc::new(Catalogue::publish(&store, studies).await.unwrap());
+        let stop = CancellationToken::new();
+        let state = AppState {
+            store: store.clone(),
+            catalogue,
+            chance: Chance::from_seed(1),
+            settings: Arc::new(Settings { open_results: false, population: Population::People }),
+            stop: stop.clone(),
+        };
+        let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0))).await.unwrap();
+        let url = format!("http://{}", listener.local_addr().unwrap());
+        let shutdown = stop.clone().cancelled_owned();
+        let server = tokio::spawn(web::serve(listener, state, shutdown));
+        Self { url, client: Client::new(), store, clock, database, stop, server, _folder: folder }
+    }
+
+    /// Somebody who followed the study's link and pressed the button.
+    pub async fn participant(&self, query: &str) -> Participant {
+        let landing = self.get(&format!("/s/driving{query}")).await;
+        let action = landing.attribute("form", "action").expect("the landing page has a button");
+        let response = self.client.post(format!("{}{action}", self.url)).send().await.unwrap();
+        Participant { client: self.client.clone(), link: response.url().to_string(), page: Page::of(response).await }
+    }
+
+    pub async fn get(&self, path: &str) -> Page {
+        Page::of(self.client.get(format!("{}{path}", self.url)).send().await.unwrap()).await
+    }
+
+    /// Ends the server as a supervisor would.
+    pub async fn stop(self) {
+        self.stop.cancel();
+        self.server.await.unwrap().unwrap();
+        self.store.close().await;
+    }
+}
+
+/// An answer of the server with what a person sees in it.
+#[derive(Debug, Clone)]
+pub struct Page {
+    pub status: StatusCode,
+    pub html: String,
+}
+
+impl Page {
+    pub async fn of(response: Response) -> Self {
+        Self { status: response.status(), html: response.text().await.unwrap() }
+    }
+
+    pub fn attribute(&self, selector: &str, name: &str) -> Option<String> {
+        let selector = Selector::parse(selector).unwrap();
+        Html::parse_document(&self.html).select(&selector).next()?.attr(name).map(str::to_owned)
+    }
+
+    pub fn text(&self, selector: &str) -> Option<String> {
+        let selector = Selector::parse(selector).unwrap();
+        let text: String = Html::parse_document(&self.html).select(&selector).next()?.text().collect();
+        Some(text.trim().to_owned())
+    }
+
+    pub fn field(&self, name: &str) -> String {
+        self.attribute(&format!("input[name={name}]"), "value").unwrap_or_default()
+    }
+
+    /// The values of the buttons with this name.
+    pub fn buttons(&self, name: &str) -> Vec<String> {
+        let selector = Selector::parse(&format!("button[name={name}]")).unwrap();
+        let document = Html::parse_document(&self.html);
+        document.select(&selector).filter_map(|button| button.attr("value")).map(str::to_owned).collect()
+    }
+}
+
+/// One person with a run and the page that they look at.
+#[derive(Debug, Clone)]
+pub struct Participant {
+    pub client: Client,
+    pub link: String,
+    pub page: Page,
+}
+
+impl Participant {
+    /// Sends the form of the page with one more field, and looks at the page that follows.
+    pub async fn sends(&mut self, name: &str, value: &str) -> &Page {
+        let page = self.page.clone();
+        self.page = Page::of(self.posts(&page, name, value).await).await;
+        &self.page
+    }
+
+    /// Sends the form of any page, such as an old one, without looking at what follows.
+    pub async fn posts(&self, page: &Page, name: &str, value: &str) -> Response {
+        let form = [("step", page.field("step")), ("key", page.field("key")), (name, value.to_owned())];
+        self.client.post(&self.link).form(&form).send().await.unwrap()
+    }
+
+    pub async fn reloads(&mut self) -> &Page {
+        self.page = Page::of(self.client.get(&self.link).send().await.unwrap()).await;
+        &self.page
+    }
+
+    pub fn block(&self) -> Option<String> {
+        self.page.attribute("form.choice", "data-block")
+    }
+
+    /// Agrees, goes on, and chooses `action` wherever something is asked, until `here` says so.
+    pub async fn proceeds(&mut self, action: &str, here: impl Fn(&Self) -> bool) {
+        for _ in 0..100 {
+            if here(self) {
+                return;
+            }
+            if self.page.buttons("consent").is_empty() {
+                let name = if self.page.buttons("action").is_empty() { "continue" } else { "action" };
+                let value = if name == "action" { action } else { "1" };
+                self.sends(name, value).await;
+            } else {
+                self.sends("consent", "agree").await;
+            }
+            assert_eq!(self.page.status, StatusCode::OK, "{}", self.page.html);
+        }
+        panic!("never got there; the last page is {}", self.page.html);
+    }
+
+    pub async fn finishes(&mut self, action: &str) {
+        self.proceeds(action, |person| person.page.text(".completion__code").is_some()).await;
+    }
+}
