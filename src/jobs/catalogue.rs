@@ -21,32 +21,28 @@ pub enum CatalogueError {
     /// A study file is refused.
     #[error(transparent)]
     Parse(#[from] ParseError),
-    /// Two files describe studies with one and the same id.
-    #[error("{file}: study `{id}` comes twice; allowed: one file per study id")]
-    RepeatedId {
-        /// The second file.
-        file: String,
-        /// The id.
-        id: StudyId,
-    },
     /// The database does not take or give the texts.
     #[error("study files: {0}")]
     Store(#[from] store::Error),
 }
 
 impl Catalogue {
-    /// Publishes study files, given as names and texts, as the current versions, and reads all versions that people may still be answering.
+    /// Publishes study files, given as names and texts, as the current versions, and reads all versions that people
+    /// may still be answering. A later file replaces an earlier one with the same study id.
     ///
     /// # Errors
-    /// When a file is refused, two files share an id, or the database fails.
+    /// When a file is refused, or the database fails.
     pub async fn publish(store: &Store, files: Vec<(String, String)>) -> Result<Self, CatalogueError> {
         let mut studies: Vec<Study> = Vec::new();
         for (file, text) in files {
             let study = Study::parse(&file, &text)?;
-            if studies.iter().any(|earlier| earlier.id() == study.id()) {
-                return Err(CatalogueError::RepeatedId { file, id: study.id().clone() });
+            match studies.iter_mut().find(|earlier| earlier.id() == study.id()) {
+                Some(earlier) => {
+                    tracing::info!(study = %study.id(), file, "this file replaces an earlier one of the same study");
+                    *earlier = study;
+                }
+                None => studies.push(study),
             }
-            studies.push(study);
         }
         let mut catalogue = Self { current: Vec::new(), versions: HashMap::new() };
         for study in studies {
@@ -86,7 +82,7 @@ impl Catalogue {
     }
 
     /// The current versions, in the order in which the files were given.
-    pub fn studies(&self) -> impl Iterator<Item = (VersionId, &Arc<Study>)> {
-        self.current.iter().map(|(version, study)| (*version, study))
+    pub fn studies(&self) -> impl Iterator<Item = &Arc<Study>> {
+        self.current.iter().map(|(_, study)| study)
     }
 }

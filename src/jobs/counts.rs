@@ -1,7 +1,7 @@
 //! What was chosen, question by question, in the study's own order.
 
 use crate::{
-    store::{AnswerStatus, Count},
+    store::{AnalysisSet, AnswerStatus, CellCount},
     study::{ActionId, Include, Study},
 };
 
@@ -37,13 +37,13 @@ pub struct StudyCounts {
 impl StudyCounts {
     /// Sorts stored counts into the questions of this version of the study. Counts of questions that the version no
     /// longer has stay out.
-    pub fn new(study: &Study, stored: &[Count]) -> Self {
+    pub fn new(study: &Study, stored: &[CellCount]) -> Self {
         let cells = study
             .cells()
             .iter()
             .map(|cell| {
                 let actions: Vec<&ActionId> = cell.actions.iter().map(|action| &action.id).collect();
-                count(study.include(), cell.id.as_str(), &actions, stored)
+                count(analysis_set(study), cell.id.as_str(), &actions, stored)
             })
             .collect();
         let baseline = study
@@ -52,20 +52,25 @@ impl StudyCounts {
             .map(|question| {
                 let name = format!("{}:{}", question.block, question.question);
                 let actions: Vec<ActionId> = question.problem.names().map(ActionId::from).collect();
-                count(study.include(), &name, &actions.iter().collect::<Vec<_>>(), stored)
+                count(analysis_set(study), &name, &actions.iter().collect::<Vec<_>>(), stored)
             })
             .collect();
         Self { cells, baseline }
     }
 }
 
-fn count(include: Include, name: &str, actions: &[&ActionId], stored: &[Count]) -> QuestionCounts {
+/// Whose answers the study analyses.
+pub(super) fn analysis_set(study: &Study) -> AnalysisSet {
+    match study.include() {
+        Include::All => AnalysisSet::All,
+        Include::Completed => AnalysisSet::Completed,
+    }
+}
+
+fn count(set: AnalysisSet, name: &str, actions: &[&ActionId], stored: &[CellCount]) -> QuestionCounts {
     let mut counts = QuestionCounts { actions: vec![0; actions.len()], ..QuestionCounts::default() };
     for row in stored.iter().filter(|row| row.cell == *name) {
-        let n = match include {
-            Include::All => row.n_all,
-            Include::Completed => row.n_completed,
-        };
+        let n = row.n(set);
         match row.status {
             AnswerStatus::Answered => {
                 if let Some(position) = actions.iter().position(|action| Some(*action) == row.action.as_ref()) {

@@ -7,12 +7,15 @@ use super::StudyCounts;
 use crate::{
     inference::{ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR},
     model::{ChoiceModel, ChoiceProblem, MODELS, OrderedMap, RiskAwareOptions, ZeroOutcome},
-    store::Fit,
+    store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
 };
 
 /// Where all seeds come from: fixed, so that the same answers give the same draws on every server.
 const SEED_SPACE: &str = "riskaware live fit";
+
+/// The version of this program: another one may draw other numbers from the same input.
+pub(super) const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// One model's fit to one part of a plan, ready to be run.
 #[derive(Debug, Clone)]
@@ -25,8 +28,6 @@ pub(super) struct FitInput {
     pub(super) model: &'static ChoiceModel,
     pub(super) data: ChoiceData,
     pub(super) settings: FitSettings,
-    /// How many independent samples accuracy is reported over.
-    pub(super) samples: usize,
     /// Of everything above and of the program's version.
     pub(super) hash: String,
 }
@@ -41,7 +42,6 @@ struct Canonical<'a> {
     problems: OrderedMap<ChoiceProblem>,
     counts: &'a [Vec<u64>],
     settings: String,
-    samples: usize,
 }
 
 impl FitInput {
@@ -82,7 +82,6 @@ impl FitInput {
             model,
             data,
             settings: settings(study, seed(study.id(), plan, &part.id, model)),
-            samples: study.fit().samples,
             hash: String::new(),
         };
         input.hash = input.hash_of(study.id());
@@ -94,14 +93,19 @@ impl FitInput {
         self.data.problems().iter().map(|problem| (problem.id.clone(), problem.problem.clone())).collect()
     }
 
+    /// Under what it is stored.
+    pub(super) fn key(&self) -> FitKey {
+        FitKey { plan: self.plan.clone(), part: self.part.clone(), model: self.model.id.to_owned() }
+    }
+
     /// Whether a stored fit is one of this part and model, of whatever answers.
     pub(super) fn is_of(&self, fit: &Fit) -> bool {
-        fit.plan == self.plan.as_str() && fit.part == self.part.as_str() && fit.model == self.model.id
+        fit.key == self.key()
     }
 
     fn hash_of(&self, study: &StudyId) -> String {
         let canonical = Canonical {
-            program: crate::VERSION,
+            program: PROGRAM_VERSION,
             study,
             plan: &self.plan,
             part: &self.part,
@@ -109,7 +113,6 @@ impl FitInput {
             problems: self.problems(),
             counts: self.data.totals(),
             settings: format!("{:?}", self.settings),
-            samples: self.samples,
         };
         // Plain data with text keys always turns into JSON.
         let text = serde_json::to_vec(&canonical).unwrap_or_default();
@@ -117,12 +120,12 @@ impl FitInput {
     }
 }
 
-/// The first 63 bits of SHA-256 over the names: a seed that also fits a signed column.
+/// The first 53 bits of SHA-256 over the names: a seed that every reader of JSON shows exactly.
 fn seed(study: &StudyId, plan: &PlanId, part: &PartId, model: &ChoiceModel) -> u64 {
     let names = [SEED_SPACE, study.as_str(), plan.as_str(), part.as_str(), model.id];
     let hash = Sha256::digest(names.join("\0"));
     let first = hash.iter().take(8).fold(0_u64, |number, &byte| number << 8 | u64::from(byte));
-    first >> 1
+    first >> 11
 }
 
 fn settings(study: &Study, seed: u64) -> FitSettings {
@@ -156,6 +159,7 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
             },
         },
         reference_reward: Some(study.reference_reward()),
+        samples: wanted.samples,
         seed,
         ..FitSettings::default()
     }
@@ -201,6 +205,6 @@ mod tests {
         let inputs = FitInput::all(&study, &counts(&study, |_| 1));
         let seeds: std::collections::BTreeSet<u64> = inputs.iter().map(|input| input.settings.seed).collect();
         assert_eq!(seeds.len(), inputs.len());
-        assert!(seeds.iter().all(|&seed| i64::try_from(seed).is_ok()));
+        assert!(seeds.iter().all(|&seed| seed < 1 << 53));
     }
 }

@@ -22,5 +22,29 @@ mod snapshot;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
-pub use fit_report::{Diagnostics, Findings, FitReport, LnKlSamples, Series};
-pub use snapshot::{PartFit, PartState, Snapshot};
+pub use fit_report::FitReport;
+pub use snapshot::{PartFit, PartState, Snapshot, Version};
+
+use std::sync::Arc;
+
+use tokio_util::sync::CancellationToken;
+
+use crate::store::{Population, Store};
+
+/// Starts the background work; the future completes once all of it has ended after `stop`.
+pub fn start(
+    store: &Store,
+    catalogue: &Arc<Catalogue>,
+    population: Population,
+    stop: &CancellationToken,
+) -> impl Future<Output = ()> + use<> {
+    let refits = tokio::spawn(refit::run(store.clone(), catalogue.clone(), population, stop.clone()));
+    let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
+    async move {
+        for (task, ended) in [("refits", refits.await), ("closing", closing.await)] {
+            if let Err(error) = ended {
+                tracing::error!(task, %error, "a background task ended badly");
+            }
+        }
+    }
+}

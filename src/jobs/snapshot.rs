@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Catalogue, FitReport, Findings, LnKlSamples, StudyCounts, fit_input::FitInput};
+use super::{Catalogue, FitReport, StudyCounts, fit_input::FitInput};
 use crate::{
+    inference::accuracy::CellAccuracy,
     model::ChoiceModel,
     store::{Error, Fit, FitState, Population, Store, Totals},
     study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
@@ -20,9 +21,17 @@ pub struct Version {
     pub fit_version: i64,
 }
 
+impl Version {
+    /// The version from the two numbers of the store. What moves the page without moving the data is a fit, or a change of
+    /// the study file, after which fits are read anew as well.
+    pub fn new(data_version: i64, page_version: i64) -> Self {
+        Self { data_version, fit_version: page_version - data_version }
+    }
+}
+
 impl From<&Totals> for Version {
     fn from(totals: &Totals) -> Self {
-        Self { data_version: totals.data_version, fit_version: totals.page_version - totals.data_version }
+        Self::new(totals.data_version, totals.page_version)
     }
 }
 
@@ -99,7 +108,7 @@ impl Snapshot {
             return Ok(None);
         };
         let people = store.totals(id, population).await?;
-        let counts = StudyCounts::new(&study, &store.counts(id, population).await?);
+        let counts = StudyCounts::new(&study, &store.cell_counts(id, population).await?);
         let stored = store.latest_fits(id, population).await?;
         let fits = FitInput::all(&study, &counts)
             .into_iter()
@@ -123,12 +132,12 @@ impl Snapshot {
         self.study.cells().iter().filter(|cell| cell.fitted).map(|cell| cell.id.as_str())
     }
 
-    /// The ln KL samples of a cell under a plan's converged fit.
-    pub fn ln_kl(&self, plan: &PlanId, model: &str, cell: &str) -> Option<&LnKlSamples> {
+    /// How a plan's converged fit does on a cell.
+    pub fn accuracy(&self, plan: &PlanId, model: &str, cell: &str) -> Option<&CellAccuracy> {
         self.fits
             .iter()
             .filter(|part| part.plan == *plan && part.model.id == model)
-            .find_map(|part| part.converged()?.ln_kl.get(cell))
+            .find_map(|part| part.converged()?.accuracy.iter().find(|scored| scored.problem == cell))
     }
 }
 
@@ -146,7 +155,7 @@ impl PartFit {
             part_label: input.label.clone(),
             cells: input.cells.clone(),
             model: input.model,
-            state: match fit.as_ref().map(|fit| fit.state) {
+            state: match fit.as_ref().map(|fit| fit.outcome.state()) {
                 None if input.data.n() == 0 => PartState::Waiting,
                 None => PartState::Running,
                 Some(FitState::Converged) => PartState::Converged,
@@ -164,8 +173,8 @@ impl PartFit {
         self.report.as_deref()
     }
 
-    /// What the fit found, if it converged.
-    pub fn converged(&self) -> Option<&Findings> {
-        self.report()?.findings.as_ref()
+    /// What is stored of the fit, if it converged.
+    pub fn converged(&self) -> Option<&FitReport> {
+        self.report().filter(|report| report.summary.converged)
     }
 }

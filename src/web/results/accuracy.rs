@@ -3,8 +3,8 @@
 use serde::Serialize;
 
 use crate::{
-    inference::accuracy::{TTest, paired_t_test, reference_level, welch_t_test},
-    jobs::{LnKlSamples, Snapshot},
+    inference::accuracy::{CellAccuracy as Scored, LnKl, Shares, TTest, compare, pooled, reference_level},
+    jobs::Snapshot,
     model::{MODELS, NOISY_RATIONAL, OrderedMap, RISK_AWARE},
     study::{FactorId, FitPlan, LevelId, MeanSd, PaperFigure, Study, Timestamp},
     web::results::format::rfc3339,
@@ -23,7 +23,7 @@ pub(in crate::web) struct Accuracy {
     pub samples: usize,
     /// When the latest of the fits was made.
     pub at: Option<String>,
-    pub cells: Vec<CellAccuracy>,
+    pub cells: Vec<CellRow>,
     /// Without cells in which everybody chose the same.
     pub pooled: Vec<PooledRow>,
     /// With shares (n_a + ½)/(n + A/2) in every cell.
@@ -32,15 +32,15 @@ pub(in crate::web) struct Accuracy {
 }
 
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct CellAccuracy {
+pub(in crate::web) struct CellRow {
     pub id: String,
     #[serde(skip)]
     pub label: String,
     pub n: u64,
     /// Everybody chose the same: ln KL has no lower bound there.
     pub unanimous: bool,
-    /// What the true probabilities themselves score on average.
-    pub reference: f64,
+    /// What the true probabilities themselves score on average; null where unanimous.
+    pub reference: Option<f64>,
     /// Null until the model's fit has converged.
     pub models: OrderedMap<Option<Score>>,
 }
@@ -58,6 +58,13 @@ pub(in crate::web) struct Score {
     pub zeros: usize,
 }
 
+impl From<LnKl> for Score {
+    fn from(ln_kl: LnKl) -> Self {
+        let LnKl { mean, sd, median, q5, q95, samples: _, exact_zeros: zeros } = ln_kl;
+        Self { mean, sd, median, q5, q95, zeros }
+    }
+}
+
 #[derive(Debug, Serialize)]
 pub(in crate::web) struct PooledRow {
     pub label: String,
@@ -66,6 +73,7 @@ pub(in crate::web) struct PooledRow {
     pub cells: usize,
     /// Unanimous cells that are not.
     pub left_out: usize,
+    /// Null while a cell has no converged fit: some of the cells would be another comparison.
     pub models: OrderedMap<Option<Score>>,
     /// Of Risk-Aware minus Noisy Rational, sample by sample.
     pub paired_t: Option<TTest>,
@@ -92,53 +100,46 @@ pub(in crate::web) struct PaperScore {
 
 type Levels = Vec<(FactorId, LevelId)>;
 
-/// A fitted cell that both models could be scored in, or not yet.
-struct Scored<'a> {
+/// A fitted cell with answers, and each model's score in it if its fit has converged.
+struct FittedCell<'a> {
     levels: &'a Levels,
-    unanimous: bool,
-    aware: Option<&'a LnKlSamples>,
-    noisy: Option<&'a LnKlSamples>,
-}
-
-/// Which of the two observed distributions the models are compared with.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Shares {
-    AsObserved,
-    Smoothed,
+    is_unanimous: bool,
+    aware: Option<&'a Scored>,
+    noisy: Option<&'a Scored>,
 }
 
 impl Accuracy {
     pub(in crate::web) fn new(snapshot: &Snapshot, plan: &FitPlan) -> Self {
         let study = &snapshot.study;
+        let mut rows = Vec::new();
         let mut cells = Vec::new();
-        let mut scored = Vec::new();
         for (cell, counts) in study.cells().iter().zip(&snapshot.counts.cells) {
             let n = counts.n();
             if !cell.fitted || n == 0 {
                 continue;
             }
-            let samples = |model| snapshot.ln_kl(&plan.id, model, cell.id.as_str());
-            let unanimous = counts.actions.contains(&n);
-            cells.push(CellAccuracy {
+            let scored = |model| snapshot.accuracy(&plan.id, model, cell.id.as_str());
+            let is_unanimous = counts.actions.contains(&n);
+            rows.push(CellRow {
                 id: cell.id.to_string(),
                 label: cell.label.clone(),
                 n,
-                unanimous,
-                reference: reference_level(cell.actions.len(), n),
+                unanimous: is_unanimous,
+                reference: (!is_unanimous).then(|| reference_level(cell.actions.len(), n)),
                 models: MODELS
                     .iter()
-                    .map(|model| (model.id.to_owned(), samples(model.id).map(|samples| Score::of(&samples.as_observed))))
+                    .map(|model| (model.id.to_owned(), scored(model.id).map(|scored| scored.ln_kl.clone().into())))
                     .collect(),
             });
-            scored.push(Scored {
+            cells.push(FittedCell {
                 levels: &cell.levels,
-                unanimous,
-                aware: samples(RISK_AWARE.id),
-                noisy: samples(NOISY_RATIONAL.id),
+                is_unanimous,
+                aware: scored(RISK_AWARE.id),
+                noisy: scored(NOISY_RATIONAL.id),
             });
         }
         let sets = pooled_sets(study);
-        let pooled = |shares| sets.iter().map(|levels| pooled_row(study, levels, &scored, shares)).collect();
+        let pooled = |shares| sets.iter().map(|levels| pooled_row(study, levels, &cells, shares)).collect();
         Self {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
@@ -146,18 +147,11 @@ impl Accuracy {
             plan_label: plan.label.clone(),
             samples: study.fit().samples,
             at: latest(snapshot, plan).map(rfc3339),
-            cells,
-            pooled: pooled(Shares::AsObserved),
+            cells: rows,
+            pooled: pooled(Shares::Observed),
             pooled_smoothed: pooled(Shares::Smoothed),
             paper: study.paper().iter().map(|figure| paper_row(study, figure)).collect(),
         }
-    }
-}
-
-impl Score {
-    /// `None` among the samples stands for KL = 0, whose logarithm has no number.
-    fn of(samples: &[Option<f64>]) -> Self {
-        LnKlSamples::summary_of(samples).into()
     }
 }
 
@@ -201,44 +195,34 @@ fn label(study: &Study, levels: &Levels) -> String {
     levels.iter().map(of_level).collect::<Vec<_>>().join(", ")
 }
 
-fn pooled_row(study: &Study, levels: &Levels, scored: &[Scored<'_>], shares: Shares) -> PooledRow {
-    let of_set: Vec<&Scored> =
-        scored.iter().filter(|cell| levels.iter().all(|level| cell.levels.contains(level))).collect();
-    let used: Vec<&Scored> =
-        of_set.iter().filter(|cell| shares == Shares::Smoothed || !cell.unanimous).copied().collect();
-    let aware = pool(used.iter().map(|cell| cell.aware), shares);
-    let noisy = pool(used.iter().map(|cell| cell.noisy), shares);
-    let numbers = finite(aware.as_deref()).zip(finite(noisy.as_deref()));
-    let test = |test: fn(&[f64], &[f64]) -> Option<TTest>| numbers.as_ref().and_then(|(aware, noisy)| test(aware, noisy));
+fn pooled_row(study: &Study, levels: &Levels, cells: &[FittedCell<'_>], shares: Shares) -> PooledRow {
+    let of_set: Vec<&FittedCell> =
+        cells.iter().filter(|cell| levels.iter().all(|level| cell.levels.contains(level))).collect();
+    let used: Vec<&FittedCell> = match shares {
+        Shares::Observed => of_set.iter().filter(|cell| !cell.is_unanimous).copied().collect(),
+        Shares::Smoothed => of_set.clone(),
+    };
+    let all = |model: fn(&FittedCell<'_>) -> Option<&'_ Scored>| -> Option<Vec<&Scored>> {
+        used.iter().map(|cell| model(cell)).collect::<Option<Vec<_>>>().filter(|cells| !cells.is_empty())
+    };
+    let (aware, noisy) = (all(|cell| cell.aware), all(|cell| cell.noisy));
+    let comparison = aware.as_ref().zip(noisy.as_ref()).and_then(|(aware, noisy)| {
+        let pairs: Vec<_> = aware.iter().copied().zip(noisy.iter().copied()).collect();
+        compare(&pairs, shares)
+    });
+    let score = |cells: Option<Vec<&Scored>>| cells.map(|cells| pooled(&cells, shares).into());
     PooledRow {
         label: label(study, levels),
         levels: levels.iter().map(|(factor, level)| (factor.to_string(), level.to_string())).collect(),
         cells: used.len(),
         left_out: of_set.len() - used.len(),
-        paired_t: test(paired_t_test),
-        welch_t: test(welch_t_test),
+        paired_t: comparison.as_ref().and_then(|comparison| comparison.paired),
+        welch_t: comparison.as_ref().and_then(|comparison| comparison.welch),
         models: OrderedMap(vec![
-            (NOISY_RATIONAL.id.to_owned(), noisy.map(|samples| Score::of(&samples))),
-            (RISK_AWARE.id.to_owned(), aware.map(|samples| Score::of(&samples))),
+            (NOISY_RATIONAL.id.to_owned(), score(noisy)),
+            (RISK_AWARE.id.to_owned(), score(aware)),
         ]),
     }
-}
-
-/// The samples of all cells in a row; `None` while a cell has none, since a part of the cells is another comparison.
-fn pool<'a>(cells: impl Iterator<Item = Option<&'a LnKlSamples>>, shares: Shares) -> Option<Vec<Option<f64>>> {
-    let mut all = Vec::new();
-    for cell in cells {
-        let samples = cell?;
-        all.extend_from_slice(match shares {
-            Shares::AsObserved => &samples.as_observed,
-            Shares::Smoothed => &samples.smoothed,
-        });
-    }
-    (!all.is_empty()).then_some(all)
-}
-
-fn finite(samples: Option<&[Option<f64>]>) -> Option<Vec<f64>> {
-    samples?.iter().copied().collect()
 }
 
 fn paper_row(study: &Study, figure: &PaperFigure) -> PaperRow {

@@ -212,7 +212,7 @@ pub(super) fn parameters(snapshot: &Snapshot) -> Table {
         ("Contraction", Align::Words),
     ]);
     for part in &snapshot.fits {
-        for (name, parameter) in part.converged().iter().flat_map(|findings| findings.parameters.iter()) {
+        for (name, parameter) in part.converged().and_then(|report| report.summary.parameters.as_ref()).iter().flat_map(|all| all.iter()) {
             table.row([
                 part.plan_label.clone(),
                 part.part_label.clone(),

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::{
     inference::wilson_interval,
-    jobs::{PartFit, PartState, QuestionCounts, Snapshot},
+    jobs::{FitReport, PartFit, PartState, QuestionCounts, Snapshot},
     model::{MODELS, OrderedMap},
     study::{Cell, Factor},
     web::results::verdict::Verdict,
@@ -221,7 +221,7 @@ impl Summary {
 
 impl FitRow {
     fn new(part: &PartFit) -> Self {
-        let diagnostics = part.report().map(|report| &report.diagnostics);
+        let report = part.report();
         Self {
             plan: part.plan.to_string(),
             part: part.part.to_string(),
@@ -232,9 +232,9 @@ impl FitRow {
             state: part.state,
             id: part.fit.as_ref().map(|fit| fit.id.get()),
             is_behind: part.is_behind,
-            rhat_max: diagnostics.and_then(|diagnostics| diagnostics.rhat_max),
-            ess_min: diagnostics.and_then(|diagnostics| diagnostics.ess_min),
-            draws: diagnostics.map(|diagnostics| diagnostics.draws),
+            rhat_max: report.and_then(FitReport::rhat_max),
+            ess_min: report.and_then(FitReport::ess_min),
+            draws: report.map(|report| (report.summary.chains * report.summary.draws) as u64),
             seed: part.fit.as_ref().map(|fit| fit.seed),
             message: part.fit.as_ref().and_then(|fit| fit.message.clone()),
         }
@@ -297,7 +297,7 @@ fn predicted(snapshot: &Snapshot, cell: &Cell, model: &str) -> Option<OrderedMap
     let part = snapshot.fits.iter().find(|part| {
         part.plan == plan.id && part.model.id == model && part.cells.iter().any(|known| *known == cell.id)
     })?;
-    let shares = part.converged()?.predicted.get(cell.id.as_str())?;
+    let shares = part.converged()?.summary.predicted.as_ref()?.get(cell.id.as_str())?;
     Some(
         shares
             .iter()

@@ -57,9 +57,9 @@ fn model(snapshot: &Snapshot) -> (&'static str, String) {
 /// A model is closer where the 90 % intervals of ln KL do not meet: where both reach the reference level, a lower mean
 /// says nothing.
 fn closer(snapshot: &Snapshot, cell: &str) -> Option<Closer> {
-    let interval = |model| {
-        let summary = snapshot.ln_kl(&snapshot.finest_plan().id, model, cell)?.summary();
-        Some((summary.q5, summary.q95))
+    let interval = |model: &str| {
+        let ln_kl = &snapshot.accuracy(&snapshot.finest_plan().id, model, cell)?.ln_kl;
+        Some((ln_kl.q5, ln_kl.q95))
     };
     let (aware, noisy) = (interval(RISK_AWARE.id)?, interval(NOISY_RATIONAL.id)?);
     let below = |left: (Option<f64>, Option<f64>), right: (Option<f64>, Option<f64>)| {
