@@ -143,7 +143,6 @@ impl Crowd {
             let mut person = Person {
                 study: self.study.clone(),
                 parameters: self.parameters,
-                options: self.study.fit().options(),
                 thinking: self.thinking,
                 rng: ChaCha20Rng::from_rng(&mut rng),
             };

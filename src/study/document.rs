@@ -71,7 +71,7 @@ impl<'t> Document<'t> {
                 file: file.to_owned(),
                 line: error.span().map(|span| line_at(text, span.start)),
                 key: String::new(),
-                found: format!("this is not valid TOML: {}", error.message()),
+                found: format!("invalid TOML: {}", error.message()),
                 allowed: "TOML 1.0".to_owned(),
             }),
         }
@@ -143,12 +143,16 @@ impl<'t> Document<'t> {
         };
         let found = found
             .replace("unknown field", "unknown key")
-            .replace("missing field", "missing key");
-        let found = match quoted(&found).first() {
+            .replace("missing field", "no key");
+        let found = ["invalid type: ", "invalid value: ", "invalid length: "]
+            .iter()
+            .find_map(|prefix| found.strip_prefix(prefix))
+            .unwrap_or(&found);
+        let found = match quoted(found).first() {
             Some(name) if found.starts_with("unknown") => {
                 format!("{found}{}", did_you_mean(name, quoted(allowed)))
             }
-            Some(_) | None => found,
+            Some(_) | None => found.to_owned(),
         };
         ParseError {
             file: self.file.to_owned(),

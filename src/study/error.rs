@@ -48,7 +48,7 @@ impl fmt::Display for ParseError {
         if !self.key.is_empty() {
             write!(f, ", {}", self.key)?;
         }
-        write!(f, ": {}; allowed: {}", self.found, self.allowed)
+        write!(f, ": found {}; allowed: {}", self.found, self.allowed)
     }
 }
 

@@ -8,6 +8,12 @@ use serde::de::{self, Deserializer, Visitor};
 
 use super::document::{did_you_mean, list};
 
+/// The longest text in bytes, placeholders filled in. Values within values could grow a short file without end.
+const LONGEST: usize = 100_000;
+
+/// How many placeholders a text may hold, those inside values included: even values that add nothing cost time.
+const MOST_PLACEHOLDERS: usize = 1_000;
+
 /// A number or a text, as the file gives it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Scalar {
@@ -85,63 +91,59 @@ impl<'a> Scope<'a> {
 
     /// Fills in all placeholders of `text`, those inside values included.
     pub(super) fn fill(&self, text: &str) -> Result<String, TemplateError> {
-        let mut filled = String::with_capacity(text.len());
-        self.fill_into(text, &mut Vec::new(), &mut filled)?;
-        Ok(filled)
+        let mut filling = Filling::default();
+        self.fill_into(text, &mut filling)?;
+        Ok(filling.text)
     }
 
-    /// `open` are the names whose values are being filled in, outermost first.
-    fn fill_into(
-        &self,
-        text: &str,
-        open: &mut Vec<String>,
-        filled: &mut String,
-    ) -> Result<(), TemplateError> {
+    fn fill_into(&self, text: &str, filling: &mut Filling) -> Result<(), TemplateError> {
         let mut rest = text;
         while let Some(position) = rest.find(['{', '}']) {
-            filled.push_str(&rest[..position]);
+            filling.text.push_str(&rest[..position]);
             rest = &rest[position..];
             if let Some(after) = rest.strip_prefix("{{") {
-                filled.push('{');
+                filling.text.push('{');
                 rest = after;
             } else if let Some(after) = rest.strip_prefix("}}") {
-                filled.push('}');
+                filling.text.push('}');
                 rest = after;
             } else if let Some(after) = rest.strip_prefix('{') {
                 let (name, after) = after.split_once('}').ok_or(TemplateError::Unclosed)?;
-                self.fill_name(name, open, filled)?;
+                self.fill_name(name, filling)?;
                 rest = after;
             } else {
                 return Err(TemplateError::Unopened);
             }
         }
-        filled.push_str(rest);
+        filling.text.push_str(rest);
+        if filling.text.len() > LONGEST {
+            return Err(TemplateError::TooLong);
+        }
         Ok(())
     }
 
-    fn fill_name(
-        &self,
-        name: &str,
-        open: &mut Vec<String>,
-        filled: &mut String,
-    ) -> Result<(), TemplateError> {
+    fn fill_name(&self, name: &str, filling: &mut Filling) -> Result<(), TemplateError> {
+        filling.placeholders += 1;
+        if filling.placeholders > MOST_PLACEHOLDERS {
+            return Err(TemplateError::TooLong);
+        }
         let Some(value) = self.get(name) else {
             return Err(TemplateError::Unknown {
                 name: name.to_owned(),
                 known: self.names(),
             });
         };
-        if open.iter().any(|outer| outer == name) {
+        if filling.open.iter().any(|outer| outer == name) {
             return Err(TemplateError::Cycle {
                 name: name.to_owned(),
             });
         }
         match value {
-            Scalar::Number(_) => filled.push_str(&value.to_string()),
+            Scalar::Number(_) => filling.text.push_str(&value.to_string()),
             Scalar::Text(text) => {
-                open.push(name.to_owned());
-                self.fill_into(text, open, filled)?;
-                open.pop();
+                filling.open.push(name.to_owned());
+                self.fill_into(text, filling)?;
+                filling.open.pop();
             }
         }
         Ok(())
@@ -154,6 +156,15 @@ impl<'a> Scope<'a> {
     }
 }
 
+/// A text while its placeholders are filled in.
+#[derive(Default)]
+struct Filling {
+    text: String,
+    /// The names whose values are being filled in, outermost first.
+    open: Vec<String>,
+    placeholders: usize,
+}
+
 /// Why a text's placeholders cannot be filled in.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum TemplateError {
@@ -161,6 +172,7 @@ pub(super) enum TemplateError {
     Cycle { name: String },
     Unclosed,
     Unopened,
+    TooLong,
 }
 
 impl TemplateError {
@@ -175,6 +187,9 @@ impl TemplateError {
             Self::Cycle { name } => format!("placeholder `{{{name}}}` contains itself"),
             Self::Unclosed => "`{` that is never closed".to_owned(),
             Self::Unopened => "`}` without a `{` before it".to_owned(),
+            Self::TooLong => {
+                "a text that is too long once its placeholders are filled in".to_owned()
+            }
         }
     }
 
@@ -182,6 +197,9 @@ impl TemplateError {
         match self {
             Self::Unknown { known, .. } => list(known),
             Self::Cycle { .. } => "values that do not refer to themselves".to_owned(),
+            Self::TooLong => {
+                format!("at most {LONGEST} bytes and {MOST_PLACEHOLDERS} placeholders")
+            }
             Self::Unclosed | Self::Unopened => {
                 "`{name}` for a value, `{{` and `}}` for the signs themselves".to_owned()
             }
@@ -191,6 +209,8 @@ impl TemplateError {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn values(entries: &[(&str, Scalar)]) -> Values {
@@ -235,6 +255,31 @@ mod tests {
         check("{odds}{odds}", Ok("19 of 380 cars19 of 380 cars"));
         check("{{fine}} {{ }}", Ok("{fine} { }"));
         check("Ü {all} é", Ok("Ü 380 é"));
+    }
+
+    #[test]
+    fn values_within_values_cannot_grow_without_end() {
+        let doubling: Values = (0..60)
+            .map(|level| {
+                (
+                    format!("v{level}"),
+                    text(&format!("{{v{0}}}{{v{0}}}", level + 1)),
+                )
+            })
+            .chain([("v60".to_owned(), text(""))])
+            .collect();
+        assert_eq!(
+            Scope::default().with(&doubling).fill("{v0}"),
+            Err(TemplateError::TooLong)
+        );
+    }
+
+    proptest! {
+        #[test]
+        fn escaped_text_comes_back_as_it_was(text: String) {
+            let escaped = text.replace('{', "{{").replace('}', "}}");
+            prop_assert_eq!(Scope::default().fill(&escaped), Ok(text));
+        }
     }
 
     #[test]

@@ -32,7 +32,7 @@ pub struct App {
 impl App {
     /// A server whose clock only moves when the test moves it.
     pub async fn start() -> Self {
-        Self::with(Clock::manual(START), study::built_in_files()).await
+        Self::with(Clock::manual(START), built_in()).await
     }
 
     pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
@@ -73,6 +73,10 @@ impl App {
         self.server.await.unwrap().unwrap();
         self.store.close().await;
     }
+}
+
+fn built_in() -> Vec<(String, String)> {
+    study::built_in().into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
 }
 
 /// An answer of the server with what a person sees in it.

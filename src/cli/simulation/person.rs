@@ -8,7 +8,7 @@ use reqwest::{Client, Response, StatusCode, header};
 use super::page::Page;
 use crate::{
     model::{self, ChoiceError, ChoiceProblem, Parameters, RiskAwareOptions},
-    study::{BlockId, QuestionId, Study},
+    study::{BlockId, QuestionId, Step, StepData, StepError, StepKind, StepPlan, Study},
 };
 
 /// No run has more pages; a person who meets more goes round in circles.
@@ -22,8 +22,6 @@ pub struct Person<R> {
     pub study: Arc<Study>,
     /// How this person chooses.
     pub parameters: Parameters,
-    /// How the study's weights are made.
-    pub options: RiskAwareOptions,
     /// The mean time spent on a page; zero for a load generator.
     pub thinking: Duration,
     /// This person's chance.
@@ -49,6 +47,9 @@ pub enum PersonError {
     /// A page that a person could not go on from.
     #[error("the page after {0} answers asks nothing and is not the last one")]
     DeadEnd(usize),
+    /// The page asks what the study does not.
+    #[error("question: {0}")]
+    Step(#[from] StepError),
     /// The model cannot say what the person would do.
     #[error("choice: {0}")]
     Choice(#[from] ChoiceError),
@@ -88,7 +89,7 @@ impl<R: Rng> Person<R> {
         match page.question {
             Some((block, question)) => {
                 let names: Vec<String> = page.buttons.into_iter().map(|(_, value)| value).collect();
-                let action = self.chooses(&block.as_str().into(), &question.as_str().into(), &names)?;
+                let action = self.chooses(block.into(), question.into(), &names)?;
                 fields.push(("action".to_owned(), action));
             }
             // The first button is the one that goes on.
@@ -105,13 +106,22 @@ impl<R: Rng> Person<R> {
         Ok(fields)
     }
 
-    fn chooses(&mut self, block: &BlockId, question: &QuestionId, names: &[String]) -> Result<String, PersonError> {
-        let toss = self.rng.random_range(0..names.len().max(1));
-        let Some(problem) = self.study.problem(block, question) else {
-            // Nothing is known that the model could weigh.
-            return Ok(names.get(toss).cloned().unwrap_or_default());
+    fn chooses(&mut self, block: BlockId, question: QuestionId, names: &[String]) -> Result<String, PersonError> {
+        let asked = StepPlan {
+            kind: StepKind::Choice,
+            block,
+            question: Some(question),
+            limit_ms: None,
+            data: StepData::default(),
         };
-        Ok(draw(problem, &self.parameters, self.options, &mut self.rng)?)
+        if let Step::Choice(choice) = self.study.step(&asked)?
+            && let Some(problem) = choice.problem
+        {
+            return Ok(draw(problem, &self.parameters, self.study.fit().options, &mut self.rng)?);
+        }
+        // Nothing is known that the model could weigh.
+        let toss = self.rng.random_range(0..names.len().max(1));
+        Ok(names.get(toss).cloned().unwrap_or_default())
     }
 }
 

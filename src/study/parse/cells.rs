@@ -8,6 +8,7 @@ use crate::study::{ActionLabel, Cell};
 /// A question that belongs to a cell, and where it stands.
 pub(super) struct AskedCell {
     cell: Cell,
+    limit_ms: Option<u64>,
     at: KeyPath,
 }
 
@@ -17,6 +18,7 @@ impl AskedCell {
         question: &ChoiceQuestion,
         design: &Design<'_>,
         levels: &Levels,
+        limit_ms: Option<u64>,
         at: &KeyPath,
     ) -> Option<Self> {
         let id = question.cell.clone()?;
@@ -42,6 +44,7 @@ impl AskedCell {
         };
         Some(Self {
             cell,
+            limit_ms,
             at: at.clone(),
         })
     }
@@ -49,30 +52,42 @@ impl AskedCell {
 
 /// Every cell once, in file order. Asking for the same cell again is allowed as long as it is the same question.
 pub(super) fn collect(asked: Vec<AskedCell>) -> Result<Vec<Cell>, Fault> {
-    let mut cells: Vec<Cell> = Vec::new();
-    for AskedCell { cell, at } in asked {
-        match cells.iter().find(|earlier| earlier.id == cell.id) {
-            None => cells.push(cell),
-            Some(earlier) if earlier.problem != cell.problem => {
-                return Err(at.fault(
-                    format!(
-                        "cell `{}` for the second time, with another choice problem",
-                        cell.id
-                    ),
-                    "one choice problem per cell: a factor for what differs",
-                ));
-            }
-            Some(earlier) if earlier.fitted != cell.fitted => {
-                return Err(at.fault(
-                    format!(
-                        "cell `{}` for the second time, once fitted and once not",
-                        cell.id
-                    ),
-                    "the same `fitted` wherever a cell is asked about",
-                ));
-            }
-            Some(_) => {}
+    let mut distinct: Vec<AskedCell> = Vec::new();
+    for again in asked {
+        match distinct
+            .iter()
+            .find(|earlier| earlier.cell.id == again.cell.id)
+        {
+            Some(earlier) => check_same(earlier, &again)?,
+            None => distinct.push(again),
         }
     }
-    Ok(cells)
+    Ok(distinct.into_iter().map(|asked| asked.cell).collect())
+}
+
+fn check_same(earlier: &AskedCell, again: &AskedCell) -> Result<(), Fault> {
+    let (difference, allowed) = if earlier.cell.problem != again.cell.problem
+        || earlier.cell.actions != again.cell.actions
+    {
+        (
+            "with another choice problem",
+            "one choice problem per cell: a factor for what differs",
+        )
+    } else if earlier.limit_ms != again.limit_ms {
+        (
+            "with another time limit",
+            "one time limit per cell: a factor for what differs",
+        )
+    } else if earlier.cell.fitted != again.cell.fitted {
+        (
+            "once fitted and once not",
+            "the same `fitted` wherever a cell is asked about",
+        )
+    } else {
+        return Ok(());
+    };
+    Err(again.at.fault(
+        format!("cell `{}` for the second time, {difference}", again.cell.id),
+        allowed,
+    ))
 }

@@ -70,6 +70,7 @@ pub(super) fn read(
         id: &id,
         scope: &general,
         levels,
+        limit_ms,
         scene,
         questions: Vec::new(),
         asked,
@@ -144,6 +145,7 @@ struct BlockReader<'a> {
     /// The values outside levels and questions.
     scope: &'a Scope<'a>,
     levels: Levels,
+    limit_ms: Option<u64>,
     scene: Option<String>,
     questions: Vec<ChoiceQuestion>,
     asked: &'a mut Asked,
@@ -257,9 +259,13 @@ impl BlockReader<'_> {
             cell,
             role,
         };
-        self.asked
-            .asked
-            .extend(AskedCell::of(&question, design, &draft.levels, draft.at));
+        self.asked.asked.extend(AskedCell::of(
+            &question,
+            design,
+            &draft.levels,
+            self.limit_ms,
+            draft.at,
+        ));
         self.questions.push(question);
         Ok(())
     }
@@ -277,11 +283,14 @@ impl BlockReader<'_> {
                 .key("fitted")
                 .fault("`true` in a practice or baseline block", allowed));
         }
-        Ok(match given {
-            _ if self.raw.practice => Role::Practice,
-            _ if self.raw.baseline => Role::Baseline,
-            Some(true) | None => Role::Fitted,
-            Some(false) => Role::ShownOnly,
+        Ok(if self.raw.practice {
+            Role::Practice
+        } else if self.raw.baseline {
+            Role::Baseline
+        } else if given.unwrap_or(true) {
+            Role::Fitted
+        } else {
+            Role::ShownOnly
         })
     }
 

@@ -9,6 +9,9 @@ use crate::study::file::{RawFactor, RawStudy};
 use crate::study::template::{Scope, Values};
 use crate::study::{CellId, FactorId, LevelId};
 
+/// How many questions one group may ask. Nobody answers more, and a file must not fill the memory.
+const MOST_QUESTIONS: usize = 1_000;
+
 /// The design: what the blocks' questions refer to.
 pub(super) struct Design<'a> {
     factors: Vec<Factor>,
@@ -204,6 +207,13 @@ impl<'a> Design<'a> {
                 positions.push(position);
             }
             lists.insert(factor, positions);
+        }
+        let combinations = lists
+            .values()
+            .try_fold(1_usize, |product, levels| product.checked_mul(levels.len()));
+        if combinations.is_none_or(|combinations| combinations > MOST_QUESTIONS) {
+            let allowed = format!("at most {MOST_QUESTIONS} combinations of levels in a group");
+            return Err(at.fault("a product of too many levels", allowed));
         }
         let mut combinations = vec![Levels::default()];
         for (factor, levels) in lists {

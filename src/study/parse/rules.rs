@@ -109,18 +109,18 @@ pub(super) fn code(text: &str, at: &KeyPath) -> Result<String, Fault> {
 
 /// The address that people are sent to at the end.
 pub(super) fn redirect(address: &str, at: &KeyPath) -> Result<(), Fault> {
-    let without_code = address.replace("{code}", "");
-    let host = without_code
+    let host = address
         .strip_prefix("https://")
         .map(|rest| rest.split(['/', '?', '#']).next().unwrap_or(""));
-    let is_plain = without_code
+    let is_plain = address
+        .replace("{code}", "")
         .bytes()
         .all(|byte| byte.is_ascii_graphic() && !b"{}\"<>\\^`|".contains(&byte));
     match host {
-        Some(host) if is_plain && !host.is_empty() && !host.contains('@') && address.contains(host) => Ok(()),
+        Some(host) if is_plain && !host.is_empty() && !host.contains(['@', '{']) => Ok(()),
         Some(_) | None => Err(at.fault(
             shown(address),
-            "an address that starts with https:// and has no placeholder but `{code}`, after the host",
+            "an address that starts with https://, with no placeholder but `{code}` after the host",
         )),
     }
 }

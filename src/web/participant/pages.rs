@@ -9,8 +9,8 @@ use axum::response::{IntoResponse, Response};
 use crate::{
     store::Token,
     study::{
-        ChoiceStep, Completion, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep, InfoStep,
-        Step, StepPlan,
+        Completion, Step, StepPlan,
+        step::{ChoiceStep, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep, InfoStep},
     },
     web::assets,
 };

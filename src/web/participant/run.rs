@@ -21,8 +21,11 @@ use crate::{
     chance::Chance,
     clock::Clock,
     jobs::Catalogue,
-    store::{Content, CurrentStep, Run, RunState, Store, Submission, Token, Verdict},
-    study::{ClientTiming, CompletionCode, Fields, Reply, Step, Study},
+    store::{RunState, RunView, Store, Submission, Token, Verdict},
+    study::{
+        CompletionCode, Step, Study,
+        step::{ClientTiming, FieldError, Fields},
+    },
     web::Error,
 };
 
@@ -51,8 +54,8 @@ pub(super) async fn answer(
         .parse()
         .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
     let key = field(&fields, "key")?.to_owned();
-    let content = match pages.content(&run, position, &fields).await? {
-        Ok(content) => content,
+    let submission = match pages.submission(&run, position, key, &fields).await? {
+        Ok(submission) => submission,
         // What is wrong with a step that is closed matters to nobody.
         Err(_) if position < run.position => return Ok(receipt(&headers, &token, StatusCode::CONFLICT)),
         Err(errors) => {
@@ -60,7 +63,7 @@ pub(super) async fn answer(
             return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
         }
     };
-    let status = match pages.store.submit(&token, Submission { position, key, content }).await? {
+    let status = match pages.store.submit(run.run, submission).await?.verdict {
         Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
         Verdict::Answered
         | Verdict::Late

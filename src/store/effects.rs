@@ -1,0 +1,498 @@
+//! What a group of jobs changes, written with one statement per table however many jobs there are.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::Serialize;
+use sqlx::sqlite::SqliteConnection;
+
+use super::job::AskedProblem;
+use super::rules::{Body, Closed, RunFacts};
+use super::{
+    AnswerStatus, Change, EventId, Population, ProblemId, RunId, Verdict, VersionId, json,
+};
+use crate::study::{Reply, StudyId};
+
+#[derive(Debug, Default)]
+pub(super) struct Effects {
+    pub(super) arrivals: Vec<NewArrivalRow>,
+    pub(super) problems: BTreeSet<(StudyId, AskedProblem)>,
+    pub(super) runs: Vec<NewRunRow>,
+    pub(super) steps: Vec<NewStepRow>,
+    pub(super) links: Vec<NewLink>,
+    pub(super) events: Vec<NewEvent>,
+    pub(super) answers: Vec<NewAnswer>,
+    /// Runs whose row changed.
+    pub(super) touched: BTreeSet<RunId>,
+    pub(super) counts: BTreeMap<CountKey, u64>,
+    /// Runs whose answers count as completed from now on.
+    pub(super) completed: Vec<RunId>,
+    pub(super) populations: BTreeMap<(StudyId, Population), PopulationDelta>,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct NewArrivalRow {
+    pub(super) token: String,
+    pub(super) study_id: StudyId,
+    pub(super) platform: Option<String>,
+    pub(super) platform_key: Option<String>,
+    pub(super) recruiting: Option<String>,
+    pub(super) source: Option<String>,
+    pub(super) at: i64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct NewRunRow {
+    pub(super) id: RunId,
+    pub(super) study_id: StudyId,
+    pub(super) version_id: VersionId,
+    pub(super) platform: Option<String>,
+    pub(super) platform_key: Option<String>,
+    pub(super) recruiting: Option<String>,
+    pub(super) source: Option<String>,
+    pub(super) is_simulated: bool,
+    pub(super) is_preview: bool,
+    pub(super) time_factor: f64,
+    pub(super) at: i64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct NewStepRow {
+    pub(super) run_id: RunId,
+    pub(super) position: u32,
+    pub(super) kind: &'static str,
+    pub(super) block: String,
+    pub(super) question: Option<String>,
+    pub(super) limit_ms: Option<u64>,
+    pub(super) study_id: StudyId,
+    pub(super) cell: Option<String>,
+    pub(super) hash: Option<String>,
+    pub(super) is_fitted: bool,
+    pub(super) is_practice: bool,
+    pub(super) data: String,
+}
+
+/// A link to a run, made from an arrival.
+#[derive(Debug, Serialize)]
+pub(super) struct NewLink {
+    pub(super) link: String,
+    pub(super) arrival: String,
+    pub(super) run_id: RunId,
+    pub(super) is_owner: bool,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct NewEvent {
+    pub(super) id: EventId,
+    pub(super) run_id: RunId,
+    pub(super) position: u32,
+    pub(super) kind: &'static str,
+    pub(super) key: Option<String>,
+    pub(super) repeat_of: Option<EventId>,
+    pub(super) body_hash: Option<String>,
+    pub(super) verdict: Option<Verdict>,
+    pub(super) at: i64,
+    pub(super) body: Option<String>,
+}
+
+/// A row of `answer`, to be written or read back for comparison.
+#[derive(Debug, Clone, PartialEq, Serialize, sqlx::FromRow)]
+pub(super) struct NewAnswer {
+    pub(super) event_id: EventId,
+    pub(super) run_id: RunId,
+    pub(super) position: u32,
+    #[sqlx(try_from = "String")]
+    pub(super) status: AnswerStatus,
+    pub(super) problem_id: Option<ProblemId>,
+    pub(super) action: Option<String>,
+    pub(super) is_counted: bool,
+    pub(super) shown_at_ms: Option<i64>,
+    pub(super) answered_at_ms: i64,
+    pub(super) server_ms: Option<i64>,
+    pub(super) client_rt_ms: Option<i64>,
+    pub(super) limit_ms: Option<i64>,
+    pub(super) deadline_ms: Option<i64>,
+    pub(super) input: Option<String>,
+    pub(super) hidden_ms: Option<i64>,
+    pub(super) value: Option<String>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct CountKey {
+    pub(super) study: StudyId,
+    pub(super) population: Population,
+    pub(super) problem: ProblemId,
+    pub(super) status: AnswerStatus,
+    /// Empty where the time ran out.
+    pub(super) action: String,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct PopulationDelta {
+    pub(super) started: u32,
+    pub(super) completed: u32,
+    pub(super) declined: u32,
+}
+
+impl NewAnswer {
+    /// The answer that a closed step becomes; `body` is what was sent, if anything was.
+    pub(super) fn of(event: EventId, run: RunId, closed: &Closed, body: Option<&Body>) -> Self {
+        let millis = |value: Option<u64>| value.and_then(|value| i64::try_from(value).ok());
+        let timing = body.map(|body| body.timing).unwrap_or_default();
+        let (action, value) = match body.map(|body| (&body.reply, &body.consent_version)) {
+            Some((Reply::Chose { action }, _)) => (Some(action.to_string()), None),
+            Some((Reply::Filled { values }, _)) => (None, Some(json(values))),
+            Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref()))),
+            Some((Reply::Declined, version)) => (None, Some(consent(false, version.as_deref()))),
+            Some((Reply::Continued | Reply::GaveUp, _)) | None => (None, None),
+        };
+        Self {
+            event_id: event,
+            run_id: run,
+            position: closed.position,
+            status: closed.status,
+            problem_id: closed.problem,
+            action,
+            is_counted: closed.is_counted,
+            shown_at_ms: closed.shown_at.map(|shown_at| shown_at.0),
+            answered_at_ms: closed.at.0,
+            server_ms: millis(closed.server_ms),
+            client_rt_ms: millis(timing.client_rt_ms),
+            limit_ms: millis(closed.limit_ms),
+            deadline_ms: closed.deadline.map(|deadline| deadline.0),
+            input: timing.input.map(|input| input.as_str().to_owned()),
+            hidden_ms: millis(timing.hidden_ms),
+            value,
+        }
+    }
+}
+
+fn consent(agreed: bool, version: Option<&str>) -> String {
+    serde_json::json!({ "agreed": agreed, "version": version }).to_string()
+}
+
+impl Effects {
+    /// Writes everything. `facts` gives the rows of the touched runs.
+    pub(super) async fn write<'a>(
+        &self,
+        connection: &mut SqliteConnection,
+        facts: impl Fn(RunId) -> Option<&'a RunFacts>,
+    ) -> Result<Vec<Change>, sqlx::Error> {
+        self.write_arrivals(connection).await?;
+        self.write_new_runs(connection).await?;
+        self.write_links(connection).await?;
+        self.write_events(connection).await?;
+        self.write_runs(connection, facts).await?;
+        self.write_answers(connection).await?;
+        self.write_counts(connection).await?;
+        self.write_populations(connection).await
+    }
+
+    async fn write_arrivals(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.arrivals.is_empty() {
+            return Ok(());
+        }
+        sqlx::query(
+            r#"
+            insert into arrival (token_hash, study_id, platform, platform_key, recruiting, source, created_at_ms)
+            select
+                unhex(value ->> 'token'), value ->> 'study_id', value ->> 'platform', value ->> 'platform_key',
+                value ->> 'recruiting', value ->> 'source', value ->> 'at'
+            from json_each(?)
+            "#,
+        )
+        .bind(json(&self.arrivals))
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_new_runs(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.runs.is_empty() {
+            return Ok(());
+        }
+        sqlx::query(
+            r#"
+            insert into run (
+                id, study_id, version_id, state, position, platform, platform_key, recruiting, source,
+                is_simulated, is_preview, time_factor, started_at_ms
+            )
+            select
+                new.value ->> 'id', new.value ->> 'study_id',
+                -- a version of another study is none: the row is then refused
+                (
+                    select study_version.id
+                    from study_version
+                    where study_version.id = new.value ->> 'version_id'
+                    and study_version.study_id = new.value ->> 'study_id'
+                ),
+                'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
+                new.value ->> 'source', new.value ->> 'is_simulated', new.value ->> 'is_preview',
+                new.value ->> 'time_factor', new.value ->> 'at'
+            from json_each(?) as new
+            "#,
+        )
+        .bind(json(&self.runs))
+        .execute(&mut *connection)
+        .await?;
+        sqlx::query(
+            r#"
+            insert into problem (study_id, cell, hash, prospects)
+            select value ->> 0, value ->> 1 ->> 'cell', value ->> 1 ->> 'hash', value ->> 1 ->> 'prospects'
+            from json_each(?)
+            where true
+            on conflict do nothing
+            "#,
+        )
+        .bind(json(&self.problems))
+        .execute(&mut *connection)
+        .await?;
+        sqlx::query(
+            r#"
+            insert into step (
+                run_id, position, kind, block, question, limit_ms, problem_id, is_fitted, is_practice, data
+            )
+            select
+                new.value ->> 'run_id', new.value ->> 'position', new.value ->> 'kind', new.value ->> 'block',
+                new.value ->> 'question', new.value ->> 'limit_ms', problem.id, new.value ->> 'is_fitted',
+                new.value ->> 'is_practice', new.value ->> 'data'
+            from json_each(?) as new
+            left join problem
+                on problem.study_id = new.value ->> 'study_id'
+                and problem.cell = new.value ->> 'cell'
+                and problem.hash = new.value ->> 'hash'
+            "#,
+        )
+        .bind(json(&self.steps))
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_links(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.links.is_empty() {
+            return Ok(());
+        }
+        let links = json(&self.links);
+        sqlx::query(
+            r#"
+            insert into run_token (token_hash, run_id, is_owner)
+            select unhex(value ->> 'link'), value ->> 'run_id', value ->> 'is_owner'
+            from json_each(?)
+            "#,
+        )
+        .bind(&links)
+        .execute(&mut *connection)
+        .await?;
+        sqlx::query(
+            r#"
+            update arrival
+            set run_id = new.value ->> 'run_id'
+            from json_each(?) as new
+            where arrival.token_hash = unhex(new.value ->> 'arrival')
+            "#,
+        )
+        .bind(&links)
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_events(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.events.is_empty() {
+            return Ok(());
+        }
+        sqlx::query(
+            r#"
+            insert into event (id, run_id, position, kind, key, repeat_of, body_hash, verdict, at_ms, body)
+            select
+                value ->> 'id', value ->> 'run_id', value ->> 'position', value ->> 'kind', value ->> 'key',
+                value ->> 'repeat_of', unhex(value ->> 'body_hash'), value ->> 'verdict', value ->> 'at',
+                value ->> 'body'
+            from json_each(?)
+            "#,
+        )
+        .bind(json(&self.events))
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_runs<'a>(
+        &self,
+        connection: &mut SqliteConnection,
+        facts: impl Fn(RunId) -> Option<&'a RunFacts>,
+    ) -> Result<(), sqlx::Error> {
+        if self.touched.is_empty() {
+            return Ok(());
+        }
+        let rows: Vec<_> = self
+            .touched
+            .iter()
+            .filter_map(|run| {
+                let facts = facts(*run)?;
+                let (shown_at, deadline) = (facts.shown_at, facts.deadline);
+                Some((
+                    run,
+                    facts.state,
+                    facts.position,
+                    shown_at,
+                    deadline,
+                    facts.ended_at,
+                ))
+            })
+            .collect();
+        sqlx::query(
+            r#"
+            update run
+            set
+                state = new.value ->> 1,
+                position = new.value ->> 2,
+                shown_at_ms = new.value ->> 3,
+                deadline_ms = new.value ->> 4,
+                finished_at_ms = ifnull(finished_at_ms, new.value ->> 5)
+            from json_each(?) as new
+            where run.id = new.value ->> 0
+            "#,
+        )
+        .bind(json(&rows))
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_answers(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.answers.is_empty() {
+            return Ok(());
+        }
+        sqlx::query(
+            r#"
+            insert into answer (
+                event_id, run_id, position, status, problem_id, action, is_counted, shown_at_ms, answered_at_ms,
+                server_ms, client_rt_ms, limit_ms, deadline_ms, input, hidden_ms, value
+            )
+            select
+                value ->> 'event_id', value ->> 'run_id', value ->> 'position', value ->> 'status',
+                value ->> 'problem_id', value ->> 'action', value ->> 'is_counted', value ->> 'shown_at_ms',
+                value ->> 'answered_at_ms', value ->> 'server_ms', value ->> 'client_rt_ms', value ->> 'limit_ms',
+                value ->> 'deadline_ms', value ->> 'input', value ->> 'hidden_ms', value ->> 'value'
+            from json_each(?)
+            "#,
+        )
+        .bind(json(&self.answers))
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_counts(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if !self.counts.is_empty() {
+            let rows: Vec<_> = self
+                .counts
+                .iter()
+                .map(|(key, n)| {
+                    let simulated = key.population.is_simulated();
+                    (
+                        &key.study,
+                        simulated,
+                        key.problem,
+                        key.status,
+                        &key.action,
+                        n,
+                    )
+                })
+                .collect();
+            sqlx::query(
+                r#"
+                insert into counter (study_id, is_simulated, problem_id, status, action, n_all)
+                select value ->> 0, value ->> 1, value ->> 2, value ->> 3, value ->> 4, value ->> 5
+                from json_each(?)
+                where true
+                on conflict do update set n_all = n_all + excluded.n_all
+                "#,
+            )
+            .bind(json(&rows))
+            .execute(&mut *connection)
+            .await?;
+        }
+        if !self.completed.is_empty() {
+            sqlx::query(
+                r#"
+                update counter
+                set n_completed = n_completed + done.n
+                from (
+                    select
+                        run.study_id, run.is_simulated, answer.problem_id, answer.status,
+                        ifnull(answer.action, '') as action, count(*) as n
+                    from json_each(?) as new
+                    join run on run.id = new.value
+                    join answer on answer.run_id = run.id
+                    where answer.is_counted = 1
+                    group by 1, 2, 3, 4, 5
+                ) as done
+                where counter.study_id = done.study_id
+                and counter.is_simulated = done.is_simulated
+                and counter.problem_id = done.problem_id
+                and counter.status = done.status
+                and counter.action = done.action
+                "#,
+            )
+            .bind(json(&self.completed))
+            .execute(connection)
+            .await?;
+        }
+        Ok(())
+    }
+
+    async fn write_populations(
+        &self,
+        connection: &mut SqliteConnection,
+    ) -> Result<Vec<Change>, sqlx::Error> {
+        if self.populations.is_empty() {
+            return Ok(Vec::new());
+        }
+        let rows: Vec<_> = self
+            .populations
+            .iter()
+            .map(|((study, population), delta)| {
+                (
+                    study,
+                    population.is_simulated(),
+                    delta.started,
+                    delta.completed,
+                    delta.declined,
+                )
+            })
+            .collect();
+        let changed: Vec<(String, bool, i64, i64)> = sqlx::query_as(
+            r#"
+            update population
+            set
+                started = started + (new.value ->> 2),
+                completed = completed + (new.value ->> 3),
+                declined = declined + (new.value ->> 4),
+                data_version = data_version + 1,
+                page_version = page_version + 1
+            from json_each(?) as new
+            where population.study_id = new.value ->> 0
+            and population.is_simulated = new.value ->> 1
+            returning study_id, is_simulated, data_version, page_version
+            "#,
+        )
+        .bind(json(&rows))
+        .fetch_all(connection)
+        .await?;
+        Ok(changed.into_iter().map(Change::from).collect())
+    }
+}
+
+impl From<(String, bool, i64, i64)> for Change {
+    fn from((study, is_simulated, data_version, page_version): (String, bool, i64, i64)) -> Self {
+        let population = Population::from_flag(is_simulated);
+        Self {
+            study: study.into(),
+            population,
+            data_version,
+            page_version,
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What the writer is asked to do, and the ticket on which each answer goes back.
+
+use tokio::sync::oneshot;
+
+use super::fits::NewFit;
+use super::token::TokenHash;
+use super::{
+    Error, Population, RunId, Started, StudyState, Submission, Submitted, Token, VersionId,
+};
+use crate::study::{StepPlan, StudyId, TimeFactor, Timestamp};
+
+/// Waits for a commit: the result is held until the transaction is on disk, and dropped if it is rolled back.
+#[derive(Debug)]
+pub(super) struct Ticket<T> {
+    waiter: oneshot::Sender<Result<T, Error>>,
+    held: Option<Result<T, Error>>,
+}
+
+impl<T> Ticket<T> {
+    pub(super) fn new() -> (Self, oneshot::Receiver<Result<T, Error>>) {
+        let (waiter, receiver) = oneshot::channel();
+        (Self { waiter, held: None }, receiver)
+    }
+
+    pub(super) fn hold(&mut self, result: Result<T, Error>) {
+        self.held = Some(result);
+    }
+
+    /// Tells the waiter, after the commit. A waiter that has gone away (a closed tab) is no error.
+    fn deliver(self) {
+        let result = self
+            .held
+            .unwrap_or(Err(Error::Unavailable("the job was not carried out")));
+        drop(self.waiter.send(result));
+    }
+
+    fn fail(self, err: &Error) {
+        drop(self.waiter.send(Err(err.clone())));
+    }
+}
+
+/// A job for the writer.
+#[derive(Debug)]
+pub(super) enum Job {
+    /// One of many: written together with its neighbours.
+    Hot(Hot),
+    /// A rare one: written by statements of its own, in the same transaction.
+    Rare(Rare),
+}
+
+#[derive(Debug)]
+pub(super) enum Hot {
+    Arrive(Arrive, Ticket<()>),
+    Start(Box<Start>, Ticket<Started>),
+    Submit(Submit, Ticket<Submitted>),
+    Show(Show, Ticket<()>),
+    CloseOverdue(Timestamp, Ticket<usize>),
+}
+
+#[derive(Debug)]
+pub(super) enum Rare {
+    Publish(Publish, Ticket<VersionId>),
+    SetState(StudyId, StudyState, Ticket<()>),
+    Withdraw(RunId, Timestamp, Ticket<()>),
+    SaveFit(Box<NewFit>, Timestamp, Ticket<super::FitId>),
+    ForgetArrivals(Timestamp, Ticket<u64>),
+}
+
+#[derive(Debug)]
+pub(super) struct Arrive {
+    pub(super) token: TokenHash,
+    pub(super) study: StudyId,
+    pub(super) platform: Option<String>,
+    pub(super) platform_key: Option<String>,
+    pub(super) recruiting: Option<String>,
+    pub(super) source: Option<String>,
+    pub(super) at: Timestamp,
+}
+
+#[derive(Debug)]
+pub(super) struct Start {
+    pub(super) arrival: TokenHash,
+    pub(super) link: Token,
+    pub(super) version: VersionId,
+    pub(super) steps: Vec<DrawnStep>,
+    pub(super) factor: TimeFactor,
+    pub(super) population: Population,
+    pub(super) is_preview: bool,
+    pub(super) at: Timestamp,
+}
+
+/// A step as a run begins with it.
+#[derive(Debug, Clone)]
+pub struct DrawnStep {
+    /// What was drawn.
+    pub plan: StepPlan,
+    /// What a choice puts before the person; none for practice questions and all other kinds of steps.
+    pub asked: Option<AskedProblem>,
+    /// Whether its answer enters the fits.
+    pub is_fitted: bool,
+    /// Whether it is stored and never counted.
+    pub is_practice: bool,
+}
+
+/// A problem by its content.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+pub struct AskedProblem {
+    /// The cell's id, or `block:question` outside the design.
+    pub cell: String,
+    /// The hash of the prospects.
+    pub hash: String,
+    /// Each action's outcomes as JSON; none where the question withholds them.
+    pub prospects: Option<String>,
+}
+
+#[derive(Debug)]
+pub(super) struct Submit {
+    pub(super) run: RunId,
+    pub(super) submission: Submission,
+    /// The reply and what was measured, as JSON.
+    pub(super) body: String,
+    /// The body's SHA-256 in hexadecimal.
+    pub(super) body_hash: String,
+    pub(super) at: Timestamp,
+}
+
+#[derive(Debug)]
+pub(super) struct Show {
+    pub(super) run: RunId,
+    pub(super) position: u32,
+    pub(super) at: Timestamp,
+}
+
+#[derive(Debug)]
+pub(super) struct Publish {
+    pub(super) study: StudyId,
+    pub(super) hash: String,
+    pub(super) text: String,
+    pub(super) at: Timestamp,
+}
+
+impl Job {
+    pub(super) fn is_hot(&self) -> bool {
+        match self {
+            Self::Hot(_) => true,
+            Self::Rare(_) => false,
+        }
+    }
+
+    /// Tells the waiter what was held for it, after the commit.
+    pub(super) fn deliver(self) {
+        match self {
+            Self::Hot(Hot::Arrive(_, ticket) | Hot::Show(_, ticket)) => ticket.deliver(),
+            Self::Hot(Hot::Start(_, ticket)) => ticket.deliver(),
+            Self::Hot(Hot::Submit(_, ticket)) => ticket.deliver(),
+            Self::Hot(Hot::CloseOverdue(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::Publish(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::SetState(_, _, ticket) | Rare::Withdraw(_, _, ticket)) => {
+                ticket.deliver()
+            }
+            Self::Rare(Rare::SaveFit(_, _, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
+        }
+    }
+
+    /// Tells the waiter that nothing was stored.
+    pub(super) fn fail(self, err: &Error) {
+        match self {
+            Self::Hot(Hot::Arrive(_, ticket) | Hot::Show(_, ticket)) => ticket.fail(err),
+            Self::Hot(Hot::Start(_, ticket)) => ticket.fail(err),
+            Self::Hot(Hot::Submit(_, ticket)) => ticket.fail(err),
+            Self::Hot(Hot::CloseOverdue(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::Publish(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::SetState(_, _, ticket) | Rare::Withdraw(_, _, ticket)) => {
+                ticket.fail(err)
+            }
+            Self::Rare(Rare::SaveFit(_, _, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
+        }
+    }
+}

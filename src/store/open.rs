@@ -1,0 +1,216 @@
+//! Opening a database: settings that durability rests on, the schema, the server's secret.
+
+use std::path::Path;
+use std::time::Duration;
+
+use rand::TryRng;
+use rand::rngs::SysRng;
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions,
+    SqliteSynchronous,
+};
+use sqlx::{ConnectOptions, Connection};
+
+use super::OpenError;
+use super::token::Secret;
+use crate::study::Timestamp;
+
+static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
+
+/// The write-ahead log is cut back to this size when it starts anew.
+const JOURNAL_LIMIT_BYTES: &str = "67108864";
+
+/// Pages in the write-ahead log before a commit copies them to the database: 16 MiB, so that few commits pay for it.
+const CHECKPOINT_PAGES: &str = "4096";
+
+/// How long another process may hold the write lock before a batch gives up.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// The settings of every connection.
+fn settings(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .busy_timeout(BUSY_TIMEOUT)
+        .pragma("journal_size_limit", JOURNAL_LIMIT_BYTES)
+        .pragma("wal_autocheckpoint", CHECKPOINT_PAGES)
+        .pragma("secure_delete", "on")
+        .disable_statement_logging()
+}
+
+/// The one connection that writes.
+pub(super) async fn writing_connection(path: &Path) -> Result<SqliteConnection, OpenError> {
+    let mut connection = settings(path).connect().await.map_err(at(path))?;
+    require_settings(&mut connection, path).await?;
+    Ok(connection)
+}
+
+/// The connections that read.
+pub(super) async fn reading_pool(path: &Path, connections: u32) -> Result<SqlitePool, OpenError> {
+    let pool = SqlitePoolOptions::new()
+        .max_connections(connections)
+        .acquire_timeout(BUSY_TIMEOUT)
+        .connect_with(settings(path).pragma("query_only", "on"))
+        .await
+        .map_err(at(path))?;
+    let mut connection = pool.acquire().await.map_err(at(path))?;
+    let query_only: i64 = sqlx::query_scalar("pragma query_only")
+        .fetch_one(&mut *connection)
+        .await
+        .map_err(at(path))?;
+    require("query_only", query_only.to_string(), "1")?;
+    Ok(pool)
+}
+
+/// Reads back what the promise to lose nothing rests on: a pragma that does not take is not an error to SQLite.
+async fn require_settings(connection: &mut SqliteConnection, path: &Path) -> Result<(), OpenError> {
+    let (journal, synchronous, foreign_keys, secure_delete): (String, i64, i64, i64) =
+        sqlx::query_as(
+            r#"
+        select journal_mode, synchronous, foreign_keys, secure_delete
+        from pragma_journal_mode, pragma_synchronous, pragma_foreign_keys, pragma_secure_delete
+        "#,
+        )
+        .fetch_one(connection)
+        .await
+        .map_err(at(path))?;
+    require("journal_mode", journal, "wal")?;
+    require("synchronous", synchronous.to_string(), "2")?;
+    require("foreign_keys", foreign_keys.to_string(), "1")?;
+    require("secure_delete", secure_delete.to_string(), "1")
+}
+
+fn require(name: &'static str, found: String, wanted: &'static str) -> Result<(), OpenError> {
+    if found == wanted {
+        Ok(())
+    } else {
+        Err(OpenError::Pragma {
+            name,
+            found,
+            wanted,
+        })
+    }
+}
+
+/// Brings the schema up to date.
+///
+/// Foreign keys are off meanwhile: inside a transaction they cannot be switched off, and rebuilding a table would
+/// then delete or refuse the rows that refer to it. So where something changed, all references and the row counts
+/// are checked afterwards.
+pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
+    let mut connection = settings(path)
+        .foreign_keys(false)
+        .connect()
+        .await
+        .map_err(at(path))?;
+    let version = schema_version(&mut connection).await.map_err(at(path))?;
+    let before = match version {
+        Some(_) => rows(&mut connection).await.map_err(at(path))?,
+        None => [0; 3],
+    };
+    MIGRATIONS.run(&mut connection).await?;
+    if version != schema_version(&mut connection).await.map_err(at(path))? {
+        let after = rows(&mut connection).await.map_err(at(path))?;
+        for ((table, before), after) in ["run", "event", "answer"]
+            .into_iter()
+            .zip(before)
+            .zip(after)
+        {
+            if after < before {
+                return Err(OpenError::RowsLost {
+                    table,
+                    before,
+                    after,
+                });
+            }
+        }
+        require_whole_references(&mut connection, path).await?;
+    }
+    connection.close().await.map_err(at(path))
+}
+
+/// The last migration that was applied; none in a new database.
+async fn schema_version(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
+    let is_new: bool = sqlx::query_scalar(
+        "select not exists (select 1 from sqlite_schema where type = 'table' and name = '_sqlx_migrations')",
+    )
+    .fetch_one(&mut *connection)
+    .await?;
+    if is_new {
+        return Ok(None);
+    }
+    sqlx::query_scalar("select max(version) from _sqlx_migrations")
+        .fetch_one(connection)
+        .await
+}
+
+/// How many rows there are of what must never get lost: runs, events, answers.
+async fn rows(connection: &mut SqliteConnection) -> Result<[i64; 3], sqlx::Error> {
+    let (runs, events, answers) = sqlx::query_as(
+        "select (select count(*) from run), (select count(*) from event), (select count(*) from answer)",
+    )
+    .fetch_one(connection)
+    .await?;
+    Ok([runs, events, answers])
+}
+
+async fn require_whole_references(
+    connection: &mut SqliteConnection,
+    path: &Path,
+) -> Result<(), OpenError> {
+    let broken: Option<(String, i64)> = sqlx::query_as(
+        r#"
+        select "table", count(*)
+        from pragma_foreign_key_check
+        group by "table"
+        limit 1
+        "#,
+    )
+    .fetch_optional(connection)
+    .await
+    .map_err(at(path))?;
+    match broken {
+        Some((table, broken)) => Err(OpenError::BrokenReferences { table, broken }),
+        None => Ok(()),
+    }
+}
+
+/// The key of this server's hashes, made at the first start.
+pub(super) async fn secret(
+    connection: &mut SqliteConnection,
+    path: &Path,
+    now: Timestamp,
+) -> Result<Secret, OpenError> {
+    let mut bytes = [0_u8; 32];
+    SysRng
+        .try_fill_bytes(&mut bytes)
+        .map_err(|err| OpenError::Random(err.to_string()))?;
+    sqlx::query("insert or ignore into server (id, secret, created_at_ms) values (1, ?, ?)")
+        .bind(bytes.as_slice())
+        .bind(now.0)
+        .execute(&mut *connection)
+        .await
+        .map_err(at(path))?;
+    let stored: Vec<u8> = sqlx::query_scalar("select secret from server")
+        .fetch_one(connection)
+        .await
+        .map_err(at(path))?;
+    let length = stored.len();
+    let bytes = stored.try_into().map_err(|_| OpenError::Pragma {
+        name: "secret's length",
+        found: length.to_string(),
+        wanted: "32",
+    })?;
+    Ok(Secret::new(bytes))
+}
+
+fn at(path: &Path) -> impl Fn(sqlx::Error) -> OpenError + '_ {
+    |source| OpenError::Database {
+        path: path.to_owned(),
+        source,
+    }
+}

@@ -1,0 +1,365 @@
+//! Arrivals and runs, as the pages of a participant need them.
+
+use data_encoding::HEXLOWER;
+use rand::Rng;
+use sha2::{Digest, Sha256};
+use sqlx::sqlite::SqliteConnection;
+
+use super::job::{AskedProblem, DrawnStep};
+use super::load::{step_kind, time_factor};
+use super::{Error, Population, RunId, RunState, Store, Token, VersionId, json};
+use crate::model::ChoiceProblem;
+use crate::study::{
+    BlockId, DEFAULT_GRACE_MS, Deadline, QuestionId, Step, StepError, StepPlan, Study, StudyId,
+    TimeFactor, Timestamp,
+};
+
+/// How long the button of a landing page works: a day.
+pub(super) const ARRIVAL_LIFE_MS: i64 = 24 * 60 * 60 * 1_000;
+
+/// Somebody who followed a link to a study.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ArrivalView {
+    /// The study.
+    pub study: StudyId,
+    /// The link of the run that it led to, if it did.
+    pub link: Option<Token>,
+}
+
+/// A run as its page needs it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunView {
+    /// The run.
+    pub run: RunId,
+    /// Its study.
+    pub study: StudyId,
+    /// The version of the study that its texts come from.
+    pub version: VersionId,
+    /// How far it is.
+    pub state: RunState,
+    /// Whether this link may withdraw and see the completion code.
+    pub is_owner: bool,
+    /// Real or simulated.
+    pub population: Population,
+    /// A look at the study that is never counted.
+    pub is_preview: bool,
+    /// Extra time.
+    pub factor: TimeFactor,
+    /// When it began.
+    pub started_at: Timestamp,
+    /// When it was completed, declined or withdrawn.
+    pub finished_at: Option<Timestamp>,
+    /// The current step: the last one (thanks) in a completed run, none in a withdrawn one.
+    pub step: Option<StepView>,
+    /// How many steps it has, the last one (thanks) included.
+    pub steps: u32,
+}
+
+/// A step of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StepView {
+    /// Its place in the run, from 0.
+    pub position: u32,
+    /// What was drawn; [`Study::step`](crate::study::Study::step) makes the page of it.
+    pub plan: StepPlan,
+    /// When it was first shown, if it is the current one and was.
+    pub shown_at: Option<Timestamp>,
+    /// For a timed question that was shown: the last moment at which an answer counts, grace included.
+    pub deadline: Option<Timestamp>,
+    /// The limit as it holds for this person, extra time included.
+    pub limit_ms: Option<u64>,
+}
+
+/// Whether all answers of a completed run are there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct StoredCount {
+    /// Steps that ask or tell something.
+    pub steps: u32,
+    /// Answers stored for them.
+    pub answers: u32,
+}
+
+impl StoredCount {
+    /// Whether each step has its answer.
+    pub fn is_complete(self) -> bool {
+        self.steps > 0 && self.steps == self.answers
+    }
+}
+
+/// Draws the steps of one run, with the problems that its choices put before the person.
+///
+/// # Errors
+/// When the study cannot make a step of what it drew itself.
+pub fn draw_run(study: &Study, rng: &mut impl Rng) -> Result<Vec<DrawnStep>, StepError> {
+    study
+        .draw_steps(rng)
+        .into_iter()
+        .map(|plan| drawn_step(study, plan))
+        .collect()
+}
+
+fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
+    let (asked, is_fitted, is_practice) = match study.step(&plan)? {
+        Step::Choice(choice) => {
+            let cell = match (choice.cell, &plan.question) {
+                (Some(cell), _) => cell.to_string(),
+                // No level id holds a colon, so this is no cell of any design.
+                (None, Some(question)) => format!("{}:{question}", plan.block),
+                (None, None) => plan.block.to_string(),
+            };
+            let asked = (!choice.practice).then(|| AskedProblem::new(cell, choice.problem));
+            (asked, choice.fitted, choice.practice)
+        }
+        Step::Consent(_) | Step::Info(_) | Step::Form(_) | Step::Thanks(_) => (None, false, false),
+    };
+    Ok(DrawnStep {
+        plan,
+        asked,
+        is_fitted,
+        is_practice,
+    })
+}
+
+impl AskedProblem {
+    /// The problem of a cell, or of a `block:question` outside the design. Equal prospects have equal hashes.
+    pub fn new(cell: String, problem: Option<&ChoiceProblem>) -> Self {
+        let prospects = problem.map(json);
+        let hash = HEXLOWER.encode(&Sha256::digest(prospects.as_deref().unwrap_or("withheld")));
+        Self {
+            cell,
+            hash,
+            prospects,
+        }
+    }
+}
+
+#[derive(sqlx::FromRow)]
+struct RunRow {
+    id: RunId,
+    study_id: String,
+    version_id: VersionId,
+    #[sqlx(try_from = "String")]
+    state: RunState,
+    is_owner: bool,
+    is_simulated: bool,
+    is_preview: bool,
+    time_factor: f64,
+    started_at_ms: i64,
+    finished_at_ms: Option<i64>,
+    shown_at_ms: Option<i64>,
+    deadline_ms: Option<i64>,
+    steps: u32,
+    position: u32,
+    kind: Option<String>,
+    block: Option<String>,
+    question: Option<String>,
+    limit_ms: Option<i64>,
+    data: Option<String>,
+}
+
+impl Store {
+    /// An arrival by the token of its page.
+    ///
+    /// # Errors
+    /// `NotFound` for an unknown one, or one of more than a day ago that led nowhere.
+    pub async fn arrival(&self, token: &Token) -> Result<ArrivalView, Error> {
+        let row: Option<(String, i64, bool)> = sqlx::query_as(
+            r#"
+            select study_id, created_at_ms, run_id is not null
+            from arrival
+            where token_hash = ?
+            "#,
+        )
+        .bind(token.hash().as_bytes())
+        .fetch_optional(&self.pool)
+        .await?;
+        let (study, created_at_ms, is_started) = row.ok_or(Error::NotFound("arrival"))?;
+        if !is_started && self.now().0 - created_at_ms > ARRIVAL_LIFE_MS {
+            return Err(Error::NotFound("arrival"));
+        }
+        let link = is_started.then(|| self.shared.secret.run_token(token));
+        Ok(ArrivalView {
+            study: study.into(),
+            link,
+        })
+    }
+
+    /// A run by its link, as it stands.
+    ///
+    /// # Errors
+    /// `NotFound` for an unknown link.
+    pub async fn run(&self, link: &Token) -> Result<RunView, Error> {
+        let row: Option<RunRow> = sqlx::query_as(
+            r#"
+            select
+                run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run.is_simulated,
+                run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
+                run.deadline_ms, run.position,
+                (select count(*) from step where step.run_id = run.id) as steps,
+                step.kind, step.block, step.question, step.limit_ms, step.data
+            from run_token
+            join run on run.id = run_token.run_id
+            left join step on step.run_id = run.id and step.position = run.position
+            where run_token.token_hash = ?
+            "#,
+        )
+        .bind(link.hash().as_bytes())
+        .fetch_optional(&self.pool)
+        .await?;
+        row.ok_or(Error::NotFound("run"))?.view()
+    }
+
+    /// A run by its link, for the page that is about to be sent: the current step is marked as shown. Where it is
+    /// timed, its clock has started and that is on disk when this returns; where its time has run out, it is closed,
+    /// and the step is the next one.
+    ///
+    /// # Errors
+    /// `NotFound` for an unknown link.
+    pub async fn visit(&self, link: &Token) -> Result<RunView, Error> {
+        loop {
+            let view = self.run(link).await?;
+            let Some(step) = view
+                .step
+                .as_ref()
+                .filter(|_| view.state == RunState::Active)
+            else {
+                return Ok(view);
+            };
+            let has_run_out = step.deadline.is_some_and(|deadline| self.now() > deadline);
+            match (step.limit_ms, step.shown_at) {
+                // Another look afterwards, because the step that is current then may be another one. Each turn closes
+                // a step or starts its clock, so this ends.
+                (Some(_), None) => self.show(view.run, step.position).await?,
+                (Some(_), Some(_)) if has_run_out => self.show(view.run, step.position).await?,
+                (None, None) => {
+                    self.show_later(view.run, step.position);
+                    return Ok(view);
+                }
+                (Some(_) | None, Some(_)) => return Ok(view),
+            }
+        }
+    }
+
+    /// A step of a run that is closed or current, to read a form with that was sent for it.
+    ///
+    /// # Errors
+    /// `NotFound` for a step that the run does not have.
+    pub async fn step(&self, run: RunId, position: u32) -> Result<StepPlan, Error> {
+        let row: Option<(String, String, Option<String>, Option<i64>, String)> = sqlx::query_as(
+            r#"
+            select kind, block, question, limit_ms, data
+            from step
+            where run_id = ? and position = ?
+            "#,
+        )
+        .bind(run)
+        .bind(position)
+        .fetch_optional(&self.pool)
+        .await?;
+        let (kind, block, question, limit_ms, data) = row.ok_or(Error::NotFound("step"))?;
+        Ok(step_plan(&kind, block, question, limit_ms, &data)?)
+    }
+
+    /// Counts the stored answers of a run, for the page that shows its completion code.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn stored_count(&self, run: RunId) -> Result<StoredCount, Error> {
+        let (steps, answers) = sqlx::query_as(
+            r#"
+            select
+                (select count(*) from step where run_id = ?1 and kind <> 'thanks'),
+                (select count(*) from answer where run_id = ?1)
+            "#,
+        )
+        .bind(run)
+        .fetch_one(&self.pool)
+        .await?;
+        Ok(StoredCount { steps, answers })
+    }
+
+    /// Whether a timed question waits to be closed.
+    pub(super) async fn is_anything_overdue(&self, now: Timestamp) -> Result<bool, Error> {
+        let before = now.0 - super::rules::SWEEP_SLACK_MS;
+        Ok(sqlx::query_scalar(
+            "select exists (select 1 from run where deadline_ms < ? and state = 'active')",
+        )
+        .bind(before)
+        .fetch_one(&self.pool)
+        .await?)
+    }
+}
+
+impl RunRow {
+    fn view(self) -> Result<RunView, Error> {
+        let factor = time_factor(self.time_factor)?;
+        let step = match (self.kind, self.block, self.data) {
+            (Some(kind), Some(block), Some(data)) => {
+                let plan = step_plan(&kind, block, self.question, self.limit_ms, &data)?;
+                let limit_ms = plan
+                    .limit_ms
+                    .map(|limit_ms| Deadline::new(limit_ms, factor, DEFAULT_GRACE_MS).limit_ms());
+                let (shown_at, deadline) = (
+                    self.shown_at_ms.map(Timestamp),
+                    self.deadline_ms.map(Timestamp),
+                );
+                Some(StepView {
+                    position: self.position,
+                    plan,
+                    shown_at,
+                    deadline,
+                    limit_ms,
+                })
+            }
+            (None, _, _) | (_, None, _) | (_, _, None) => None,
+        };
+        Ok(RunView {
+            run: self.id,
+            study: self.study_id.into(),
+            version: self.version_id,
+            state: self.state,
+            is_owner: self.is_owner,
+            population: Population::from_flag(self.is_simulated),
+            is_preview: self.is_preview,
+            factor,
+            started_at: Timestamp(self.started_at_ms),
+            finished_at: self.finished_at_ms.map(Timestamp),
+            step,
+            steps: self.steps,
+        })
+    }
+}
+
+fn step_plan(
+    kind: &str,
+    block: String,
+    question: Option<String>,
+    limit_ms: Option<i64>,
+    data: &str,
+) -> Result<StepPlan, sqlx::Error> {
+    Ok(StepPlan {
+        kind: step_kind(kind)?,
+        block: BlockId::from(block),
+        question: question.map(QuestionId::from),
+        limit_ms: limit_ms.and_then(|limit_ms| u64::try_from(limit_ms).ok()),
+        data: serde_json::from_str(data).map_err(|err| sqlx::Error::Decode(err.into()))?,
+    })
+}
+
+/// Removes arrivals from before `before` that started nothing.
+pub(super) async fn forget_arrivals(
+    connection: &mut SqliteConnection,
+    before: Timestamp,
+) -> Result<u64, sqlx::Error> {
+    let deleted = sqlx::query(
+        r#"
+        delete from arrival
+        where run_id is null
+        and created_at_ms < ?
+        "#,
+    )
+    .bind(before.0)
+    .execute(connection)
+    .await?;
+    Ok(deleted.rows_affected())
+}

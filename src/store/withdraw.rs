@@ -1,0 +1,153 @@
+//! Withdrawal: the one thing that removes what a person gave.
+
+use sqlx::sqlite::SqliteConnection;
+
+use super::{Change, RunId, json, load};
+use crate::study::Timestamp;
+
+/// Erases a run: its answers, events, steps, recruiting ids and its share of the counters. What stays is an anonymous
+/// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much.
+///
+/// A run that is withdrawn already, or does not exist, changes nothing.
+pub(super) async fn erase(
+    connection: &mut SqliteConnection,
+    run: RunId,
+    at: Timestamp,
+) -> Result<Vec<Change>, sqlx::Error> {
+    let found: Option<(String, bool, bool, u32)> = sqlx::query_as(
+        r#"
+        select state, is_simulated, is_preview, position
+        from run
+        where id = ? and state <> 'withdrawn'
+        "#,
+    )
+    .bind(run)
+    .fetch_optional(&mut *connection)
+    .await?;
+    let Some((state, _, is_preview, position)) = found else {
+        return Ok(Vec::new());
+    };
+    // Taken before anything is deleted, so that ids never go backwards.
+    let event = load::next_ids(connection).await?.event;
+    subtract_counts(connection, run).await?;
+    let answers = sqlx::query("delete from answer where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?;
+    let events = sqlx::query("delete from event where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?;
+    let steps = sqlx::query("delete from step where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?;
+    forget_recruiting(connection, run).await?;
+    sqlx::query(
+        r#"
+        update run
+        set
+            state = 'withdrawn', position = 0, shown_at_ms = null, deadline_ms = null, platform = null,
+            platform_key = null, recruiting = null, source = null, finished_at_ms = ?
+        where id = ?
+        "#,
+    )
+    .bind(at.0)
+    .bind(run)
+    .execute(&mut *connection)
+    .await?;
+    let erased = serde_json::json!({
+        "state": state,
+        "position": position,
+        "answers": answers.rows_affected(),
+        "events": events.rows_affected(),
+        "steps": steps.rows_affected(),
+    });
+    sqlx::query("insert into event (id, run_id, position, kind, at_ms, body) values (?, ?, 0, 'erased', ?, ?)")
+        .bind(event)
+        .bind(run)
+        .bind(at.0)
+        .bind(json(&erased))
+        .execute(&mut *connection)
+        .await?;
+    tracing::info!(run = run.get(), %erased, "a run was withdrawn and erased");
+    if is_preview {
+        return Ok(Vec::new());
+    }
+    let changed: Vec<(String, bool, i64, i64)> = sqlx::query_as(
+        r#"
+        update population
+        set
+            completed = completed - (?2 = 'completed'),
+            declined = declined - (?2 = 'declined'),
+            withdrawn = withdrawn + 1,
+            data_version = data_version + 1,
+            page_version = page_version + 1
+        from run
+        where run.id = ?1
+        and population.study_id = run.study_id
+        and population.is_simulated = run.is_simulated
+        returning population.study_id, population.is_simulated, data_version, page_version
+        "#,
+    )
+    .bind(run)
+    .bind(&state)
+    .fetch_all(connection)
+    .await?;
+    Ok(changed.into_iter().map(Change::from).collect())
+}
+
+async fn subtract_counts(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        r#"
+        update counter
+        set n_all = n_all - own.n, n_completed = n_completed - own.n * own.is_completed
+        from (
+            select
+                run.study_id, run.is_simulated, run.state = 'completed' as is_completed, answer.problem_id,
+                answer.status, ifnull(answer.action, '') as action, count(*) as n
+            from run
+            join answer on answer.run_id = run.id
+            where run.id = ? and answer.is_counted = 1
+            group by answer.problem_id, answer.status, answer.action
+        ) as own
+        where counter.study_id = own.study_id
+        and counter.is_simulated = own.is_simulated
+        and counter.problem_id = own.problem_id
+        and counter.status = own.status
+        and counter.action = own.action
+        "#,
+    )
+    .bind(run)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Empties the arrivals that led to the run, and removes other ones of the same person that led nowhere.
+async fn forget_recruiting(
+    connection: &mut SqliteConnection,
+    run: RunId,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        r#"
+        delete from arrival
+        where run_id is null
+        and (study_id, platform, platform_key) = (select study_id, platform, platform_key from run where id = ?)
+        "#,
+    )
+    .bind(run)
+    .execute(&mut *connection)
+    .await?;
+    sqlx::query(
+        r#"
+        update arrival
+        set platform = null, platform_key = null, recruiting = null, source = null
+        where run_id = ?
+        "#,
+    )
+    .bind(run)
+    .execute(connection)
+    .await?;
+    Ok(())
+}

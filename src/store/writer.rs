@@ -1,0 +1,266 @@
+//! The task that owns the writing connection: takes what waits, commits it together, then answers.
+//!
+//! No delay is added to make batches bigger: one forms while the commit before it reaches the disk.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
+
+use sqlx::Connection;
+use sqlx::sqlite::SqliteConnection;
+use tokio::sync::{broadcast, mpsc};
+use tokio_util::sync::CancellationToken;
+
+use super::error::{Fault, fault};
+use super::job::{Job, Rare};
+use super::{Change, Error, batch, fits, open, runs, studies, withdraw};
+
+/// How many jobs one commit takes at most.
+pub(super) const BATCH: usize = 512;
+
+/// After so long without a job the write-ahead log is copied into the database.
+const IDLE: Duration = Duration::from_secs(2);
+
+/// What others can see of the writer.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Health {
+    /// Set while nothing can be stored.
+    pub(super) stopped: Arc<AtomicBool>,
+    /// Cancelled when the disk has failed for good.
+    pub(super) failed: CancellationToken,
+    pub(super) commits: Arc<AtomicU64>,
+}
+
+pub(super) struct Writer {
+    path: PathBuf,
+    connection: SqliteConnection,
+    changes: broadcast::Sender<Change>,
+    health: Health,
+    /// Whether the connection was opened anew and has not committed since: the next failure is final.
+    is_second_chance: bool,
+    /// What the write-ahead log holds that the database file does not.
+    log: Log,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Log {
+    Copied,
+    Written,
+    /// Erased rows still stand in it, so that it is to be cut to nothing.
+    Erased,
+}
+
+impl Writer {
+    pub(super) fn new(
+        path: PathBuf,
+        connection: SqliteConnection,
+        changes: broadcast::Sender<Change>,
+        health: Health,
+    ) -> Self {
+        Self {
+            path,
+            connection,
+            changes,
+            health,
+            is_second_chance: false,
+            log: Log::Copied,
+        }
+    }
+
+    /// Runs until the queue is closed and empty.
+    pub(super) async fn run(mut self, mut queue: mpsc::Receiver<Job>, close: CancellationToken) {
+        loop {
+            let mut jobs = Vec::new();
+            let taken = tokio::select! {
+                taken = queue.recv_many(&mut jobs, BATCH) => taken,
+                () = tokio::time::sleep(IDLE), if self.log != Log::Copied => {
+                    self.checkpoint().await;
+                    continue;
+                }
+                // What is queued already is still written: after this, receiving ends once the queue is empty.
+                () = close.cancelled(), if !queue.is_closed() => {
+                    queue.close();
+                    continue;
+                }
+            };
+            if taken == 0 {
+                break;
+            }
+            self.write(jobs).await;
+        }
+        self.checkpoint().await;
+        if let Err(err) = self.connection.close().await {
+            tracing::error!(error = %err, "the database did not close well");
+        }
+    }
+
+    /// Commits jobs together; where one of them is bad, each alone.
+    async fn write(&mut self, jobs: Vec<Job>) {
+        if jobs.len() > 1 {
+            let Some(jobs) = self.write_together(jobs).await else {
+                return;
+            };
+            tracing::warn!(
+                jobs = jobs.len(),
+                "a batch was rolled back and is written job by job"
+            );
+            for job in jobs {
+                self.write_alone(job).await;
+            }
+        } else {
+            for job in jobs {
+                self.write_alone(job).await;
+            }
+        }
+    }
+
+    async fn write_alone(&mut self, job: Job) {
+        if let Some(rejected) = self.write_together(vec![job]).await {
+            for job in rejected {
+                job.fail(&Error::Unavailable("the job was not carried out"));
+            }
+        }
+    }
+
+    /// Commits jobs together and answers them. Gives them back if the batch was rolled back for what one of them
+    /// says; a single such job is answered with its error.
+    async fn write_together(&mut self, mut jobs: Vec<Job>) -> Option<Vec<Job>> {
+        if self.health.failed.is_cancelled() {
+            fail_all(jobs, &Error::Unavailable("the disk failed"));
+            return None;
+        }
+        match self.commit(&mut jobs).await {
+            Ok(changes) => {
+                self.is_second_chance = false;
+                self.health.commits.fetch_add(1, Ordering::Relaxed);
+                let erased = jobs
+                    .iter()
+                    .any(|job| matches!(job, Job::Rare(Rare::Withdraw(..))));
+                self.log = self
+                    .log
+                    .max(if erased { Log::Erased } else { Log::Written });
+                jobs.into_iter().for_each(Job::deliver);
+                for change in changes {
+                    // Nobody listens: nobody has a results page open.
+                    drop(self.changes.send(change));
+                }
+                None
+            }
+            Err(err) => match fault(&err) {
+                Fault::Statement if jobs.len() > 1 => Some(jobs),
+                Fault::Statement => {
+                    tracing::error!(error = %err, "a job could not be written");
+                    fail_all(jobs, &err.into());
+                    None
+                }
+                Fault::Busy | Fault::Full => {
+                    tracing::error!(error = %err, jobs = jobs.len(), "a batch could not be written");
+                    fail_all(jobs, &err.into());
+                    None
+                }
+                Fault::Disk => {
+                    tracing::error!(error = %err, jobs = jobs.len(), "the disk failed");
+                    self.health.stopped.store(true, Ordering::Release);
+                    fail_all(jobs, &err.into());
+                    self.reopen().await;
+                    None
+                }
+            },
+        }
+    }
+
+    /// One transaction: immediate, because it reads the state of the runs before it writes. Dropped before its
+    /// commit it rolls back.
+    async fn commit(&mut self, jobs: &mut [Job]) -> Result<Vec<Change>, sqlx::Error> {
+        let mut transaction = self.connection.begin_with("begin immediate").await?;
+        let mut changes = Vec::new();
+        // Rare jobs stand between groups of frequent ones, in the order in which they came.
+        for group in jobs.chunk_by_mut(|one, next| one.is_hot() && next.is_hot()) {
+            match group {
+                [Job::Rare(rare)] => changes.extend(write_rare(&mut transaction, rare).await?),
+                frequent => changes.extend(batch::write(&mut transaction, frequent).await?),
+            }
+        }
+        transaction.commit().await?;
+        Ok(changes)
+    }
+
+    /// After a disk error the connection is not trusted any more: once, a new one is tried.
+    async fn reopen(&mut self) {
+        if self.is_second_chance {
+            tracing::error!("the disk failed again: the server has to end");
+            self.health.failed.cancel();
+            return;
+        }
+        match open::writing_connection(&self.path).await {
+            Ok(connection) => {
+                self.connection = connection;
+                self.is_second_chance = true;
+                self.health.stopped.store(false, Ordering::Release);
+                tracing::warn!("the database was opened anew after a disk error");
+            }
+            Err(err) => {
+                tracing::error!(error = %err, "the database cannot be opened anew: the server has to end");
+                self.health.failed.cancel();
+            }
+        }
+    }
+
+    /// Copies the log into the database. Nobody is made to wait for it, except after an erasure, when it is also
+    /// emptied.
+    async fn checkpoint(&mut self) {
+        let pragma = match self.log {
+            Log::Copied => return,
+            Log::Written => "pragma wal_checkpoint(passive)",
+            Log::Erased => "pragma wal_checkpoint(truncate)",
+        };
+        self.log = Log::Copied;
+        if let Err(err) = sqlx::query(pragma).execute(&mut self.connection).await {
+            tracing::warn!(error = %err, "the write-ahead log was not copied");
+        }
+    }
+}
+
+fn fail_all(jobs: Vec<Job>, err: &Error) {
+    for job in jobs {
+        job.fail(err);
+    }
+}
+
+async fn write_rare(
+    connection: &mut SqliteConnection,
+    rare: &mut Rare,
+) -> Result<Vec<Change>, sqlx::Error> {
+    match rare {
+        Rare::Publish(publish, ticket) => {
+            let (version, changes) = studies::publish(connection, publish).await?;
+            ticket.hold(Ok(version));
+            Ok(changes)
+        }
+        Rare::SetState(study, state, ticket) => {
+            let changes = studies::set_state(connection, study, *state).await?;
+            let is_known = !changes.is_empty();
+            ticket.hold(if is_known {
+                Ok(())
+            } else {
+                Err(Error::NotFound("study"))
+            });
+            Ok(changes)
+        }
+        Rare::Withdraw(run, at, ticket) => {
+            let changes = withdraw::erase(connection, *run, *at).await?;
+            ticket.hold(Ok(()));
+            Ok(changes)
+        }
+        Rare::SaveFit(fit, at, ticket) => {
+            let (id, changes) = fits::save(connection, fit, *at).await?;
+            ticket.hold(Ok(id));
+            Ok(changes)
+        }
+        Rare::ForgetArrivals(before, ticket) => {
+            ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
+            Ok(Vec::new())
+        }
+    }
+}

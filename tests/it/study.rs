@@ -1,0 +1,5 @@
+//! Study files: what they say, what is refused, and the runs drawn from them.
+
+mod driving;
+mod lab;
+mod refused;
