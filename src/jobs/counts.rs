@@ -1,7 +1,7 @@
 //! What was chosen, question by question, in the study's own order.
 
 use crate::{
-    store::{AnalysisSet, AnswerStatus, CellCount},
+    store::{AnalysisSet, AnswerStatus, AskedProblem, CellCount},
     study::{ActionId, Include, Study},
 };
 
@@ -36,14 +36,15 @@ pub struct StudyCounts {
 
 impl StudyCounts {
     /// Sorts stored counts into the questions of this version of the study. Counts of questions that the version no
-    /// longer has stay out.
+    /// longer asks, or asks with other outcomes, stay out.
     pub fn new(study: &Study, stored: &[CellCount]) -> Self {
         let cells = study
             .cells()
             .iter()
             .map(|cell| {
                 let actions: Vec<&ActionId> = cell.actions.iter().map(|action| &action.id).collect();
-                count(analysis_set(study), cell.id.as_str(), &actions, stored)
+                let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+                count(analysis_set(study), &asked, &actions, stored)
             })
             .collect();
         let baseline = study
@@ -52,7 +53,8 @@ impl StudyCounts {
             .map(|question| {
                 let name = format!("{}:{}", question.block, question.question);
                 let actions: Vec<ActionId> = question.problem.names().map(ActionId::from).collect();
-                count(analysis_set(study), &name, &actions.iter().collect::<Vec<_>>(), stored)
+                let asked = AskedProblem::new(name, Some(&question.problem));
+                count(analysis_set(study), &asked, &actions.iter().collect::<Vec<_>>(), stored)
             })
             .collect();
         Self { cells, baseline }
@@ -67,9 +69,9 @@ pub(super) fn analysis_set(study: &Study) -> AnalysisSet {
     }
 }
 
-fn count(set: AnalysisSet, name: &str, actions: &[&ActionId], stored: &[CellCount]) -> QuestionCounts {
+fn count(set: AnalysisSet, asked: &AskedProblem, actions: &[&ActionId], stored: &[CellCount]) -> QuestionCounts {
     let mut counts = QuestionCounts { actions: vec![0; actions.len()], ..QuestionCounts::default() };
-    for row in stored.iter().filter(|row| row.cell == *name) {
+    for row in stored.iter().filter(|row| row.cell == asked.cell && row.hash == asked.hash) {
         let n = row.n(set);
         match row.status {
             AnswerStatus::Answered => {

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Catalogue, FitReport, StudyCounts, fit_input::FitInput};
+use super::{Catalogue, FitReport, StudyCounts, counts::analysis_set, fit_input::FitInput};
 use crate::{
     inference::accuracy::CellAccuracy,
     model::ChoiceModel,
-    store::{Error, Fit, FitState, Population, Store, Totals},
+    store::{AnalysisSet, Error, Fit, FitOutcome, FitState, Population, Store, Totals},
     study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
 };
 
@@ -93,6 +93,19 @@ pub enum PartState {
     Failed,
 }
 
+impl PartState {
+    /// Its name in JSON.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Converged => "converged",
+            Self::Unconverged => "unconverged",
+            Self::Failed => "failed",
+        }
+    }
+}
+
 impl Snapshot {
     /// Reads the study's counters and latest fits; `None` for a study that is not served.
     ///
@@ -118,6 +131,11 @@ impl Snapshot {
             })
             .collect();
         Ok(Some(Self { version: Version::from(&people), study, population, people, counts, fits }))
+    }
+
+    /// Whose answers the study analyses.
+    pub fn analysis_set(&self) -> AnalysisSet {
+        analysis_set(&self.study)
     }
 
     /// The plan with the most parts: the closest to fitting each cell alone, which is the paper's way.
@@ -165,6 +183,15 @@ impl PartFit {
             is_behind: input.data.n() > 0 && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
             fit,
             report,
+        }
+    }
+
+    /// Why the fit is not shown, if it was tried.
+    pub fn message(&self) -> Option<String> {
+        match &self.fit.as_ref()?.outcome {
+            FitOutcome::Converged(_) => None,
+            FitOutcome::Unconverged(_) => Some("the chains do not agree yet".to_owned()),
+            FitOutcome::Failed(message) => Some(message.clone()),
         }
     }
 

@@ -26,6 +26,12 @@ pub enum Error {
     /// The request could not be understood; the text names what, and what is allowed.
     #[error("{0}")]
     BadRequest(String),
+    /// The body is in another form than the address takes.
+    #[error("the body must be JSON, sent with the header `content-type: application/json`")]
+    UnsupportedMediaType,
+    /// The body is larger than anything that is needed here.
+    #[error("the body is too large; allowed: 64 KiB")]
+    TooLarge,
     /// Understood, but a value is not allowed.
     #[error("{0}")]
     Unprocessable(String),
@@ -50,6 +56,8 @@ impl Error {
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::Forbidden(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
+            Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
+            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
             Self::Unprocessable(_) => StatusCode::UNPROCESSABLE_ENTITY,
             Self::Conflict(_) => StatusCode::CONFLICT,
             Self::Closed(_) => StatusCode::GONE,

@@ -202,10 +202,10 @@ fn pooled_row(study: &Study, levels: &Levels, cells: &[FittedCell<'_>], shares: 
         Shares::Observed => of_set.iter().filter(|cell| !cell.is_unanimous).copied().collect(),
         Shares::Smoothed => of_set.clone(),
     };
-    let all = |model: fn(&FittedCell<'_>) -> Option<&'_ Scored>| -> Option<Vec<&Scored>> {
-        used.iter().map(|cell| model(cell)).collect::<Option<Vec<_>>>().filter(|cells| !cells.is_empty())
-    };
-    let (aware, noisy) = (all(|cell| cell.aware), all(|cell| cell.noisy));
+    // Some of the cells would be another comparison: all or none.
+    let aware: Option<Vec<&Scored>> = used.iter().map(|cell| cell.aware).collect();
+    let noisy: Option<Vec<&Scored>> = used.iter().map(|cell| cell.noisy).collect();
+    let (aware, noisy) = (aware.filter(|cells| !cells.is_empty()), noisy.filter(|cells| !cells.is_empty()));
     let comparison = aware.as_ref().zip(noisy.as_ref()).and_then(|(aware, noisy)| {
         let pairs: Vec<_> = aware.iter().copied().zip(noisy.iter().copied()).collect();
         compare(&pairs, shares)

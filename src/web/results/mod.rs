@@ -21,7 +21,7 @@ use axum::{
 };
 use tokio_util::sync::CancellationToken;
 
-pub(super) use self::{accuracy::Accuracy, curves::Curves, format::rfc3339, summary::Summary};
+pub(super) use self::{accuracy::Accuracy, curves::Curves, format::rfc3339, summary::{FitRow, Summary}};
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
     jobs::{Catalogue, Snapshot},

@@ -236,7 +236,7 @@ impl FitRow {
             ess_min: report.and_then(FitReport::ess_min),
             draws: report.map(|report| (report.summary.chains * report.summary.draws) as u64),
             seed: part.fit.as_ref().map(|fit| fit.seed),
-            message: part.fit.as_ref().and_then(|fit| fit.message.clone()),
+            message: part.message(),
         }
     }
 }

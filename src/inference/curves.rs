@@ -1,0 +1,327 @@
+//! The curves of a fit: how probabilities and rewards are felt, with bands of the posterior.
+
+use serde::{Deserialize, Serialize};
+
+use super::diagnostics::{mean, quantile};
+use super::{Draws, Fit, FittedProblem};
+use crate::model::{
+    ChoiceModel, Outcome, Parameter, Parameters, Prospect, RiskAwareOptions, decision_weights,
+    utilities, value, weighting,
+};
+
+/// Most draws of each fit that curves are made from, evenly over its chains.
+const DRAWS: usize = 1000;
+
+/// Steps of the grid of probabilities.
+const PROBABILITY_STEPS: usize = 100;
+
+/// Steps of the grid of rewards.
+const REWARD_STEPS: usize = 80;
+
+/// The posterior of one number: its mean, pointwise 50 % and 90 % intervals, and the mean before any choice was seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Band {
+    /// Posterior mean.
+    pub mean: f64,
+    /// 5 % quantile.
+    pub q5: f64,
+    /// 25 % quantile.
+    pub q25: f64,
+    /// 75 % quantile.
+    pub q75: f64,
+    /// 95 % quantile.
+    pub q95: f64,
+    /// Prior mean; the prior median for what is measured in logits, whose mean a heavy tail moves.
+    pub prior: f64,
+}
+
+/// A function of one variable with its band at each point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Curve {
+    /// Where.
+    pub x: Vec<f64>,
+    /// What is known there.
+    pub bands: Vec<Band>,
+}
+
+/// The decision weight of a risky outcome as a function of its true probability.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RiskyWeight {
+    /// The outcome's reward.
+    pub reward: f64,
+    /// The reward that comes otherwise.
+    pub otherwise: f64,
+    /// Probabilities that occur in the problems.
+    pub probabilities: Vec<f64>,
+    /// Normalised decision weight over probability.
+    pub curve: Curve,
+}
+
+/// How much better an action is than the sure one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ActionGap {
+    /// The problem's id.
+    pub problem: String,
+    /// The action.
+    pub action: String,
+    /// The action it is compared with: the first sure one, or the first if none is.
+    pub than: String,
+    /// θ times the difference of utilities, in logits.
+    pub logits: Band,
+}
+
+/// All curves of one model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Curves {
+    /// w⁺ over probability; missing if the model takes probabilities as they are.
+    pub weighting_gains: Option<Curve>,
+    /// w⁻ over probability.
+    pub weighting_losses: Option<Curve>,
+    /// Decision weights of risky outcomes, one per pair of rewards.
+    pub risky_weights: Vec<RiskyWeight>,
+    /// Whether γ counts through the normalisation of decision weights only, since no gain is above 0.
+    pub gains_through_normalisation_only: bool,
+    /// θ v(R) over reward, in logits: shows size.
+    pub value_logits: Curve,
+    /// v(R)/|v(R_ref)| over reward: shape only, ±1 at the reference reward in every draw.
+    pub value_shape: Curve,
+    /// Every action of every problem against the sure one.
+    pub gaps: Vec<ActionGap>,
+}
+
+/// The curves of one or more fits of the same model, their draws pooled with equal weight.
+///
+/// * `problems`: those whose rewards and probabilities set the grids.
+/// * `fits`: at least one; nothing is returned otherwise.
+pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
+    let first = fits.first()?;
+    let options = first.settings.options;
+    let posterior: Vec<Parameters> = fits.iter().flat_map(|fit| spread(&fit.draws)).collect();
+    let prior: Vec<Parameters> = spread(&first.prior_draws);
+    let sample = Sample { posterior, prior };
+    let reference = first.reference_reward;
+
+    let chances: Vec<f64> = (0..=PROBABILITY_STEPS)
+        .map(|i| i as f64 / PROBABILITY_STEPS as f64)
+        .collect();
+    let rewards = reward_grid(problems);
+    let weight = |parameter: Parameter| {
+        is_weighted(first.model).then(|| {
+            sample.curve(&chances, Centre::Mean, |p, person| {
+                weighting(p, person.get(parameter))
+            })
+        })
+    };
+    let felt = |reward: f64, person: &Parameters| {
+        let [alpha, beta, lambda] =
+            [Parameter::Alpha, Parameter::Beta, Parameter::Lambda].map(|name| person.get(name));
+        value(reward, alpha, beta, lambda)
+    };
+    Some(Curves {
+        weighting_gains: weight(Parameter::Gamma),
+        weighting_losses: weight(Parameter::Delta),
+        risky_weights: risky_weights(problems, &sample, &chances, options),
+        gains_through_normalisation_only: is_weighted(first.model)
+            && options.normalise
+            && rewards_of(problems).all(|reward| reward <= 0.0),
+        value_logits: sample.curve(&rewards, Centre::Median, |reward, person| {
+            person.get(Parameter::Theta) * felt(reward, person)
+        }),
+        value_shape: sample.curve(&rewards, Centre::Mean, |reward, person| {
+            felt(reward, person) / felt(reference, person).abs()
+        }),
+        gaps: gaps(problems, &sample, options),
+    })
+}
+
+fn is_weighted(model: &ChoiceModel) -> bool {
+    model.is_free(Parameter::Gamma)
+}
+
+/// What stands for the prior.
+#[derive(Clone, Copy)]
+enum Centre {
+    Mean,
+    Median,
+}
+
+struct Sample {
+    posterior: Vec<Parameters>,
+    prior: Vec<Parameters>,
+}
+
+impl Sample {
+    fn curve(
+        &self,
+        grid: &[f64],
+        centre: Centre,
+        function: impl Fn(f64, &Parameters) -> f64,
+    ) -> Curve {
+        let bands = grid
+            .iter()
+            .map(|x| self.band(centre, |person| function(*x, person)))
+            .collect();
+        Curve {
+            x: grid.to_vec(),
+            bands,
+        }
+    }
+
+    fn band(&self, centre: Centre, function: impl Fn(&Parameters) -> f64) -> Band {
+        let sorted = |people: &[Parameters]| {
+            // A draw under which decision weights vanish has no value.
+            let values = people
+                .iter()
+                .map(&function)
+                .filter(|value| value.is_finite());
+            let mut values: Vec<f64> = values.collect();
+            values.sort_by(f64::total_cmp);
+            if values.is_empty() { vec![0.0] } else { values }
+        };
+        let (posterior, prior) = (sorted(&self.posterior), sorted(&self.prior));
+        Band {
+            mean: mean(&posterior),
+            q5: quantile(&posterior, 0.05),
+            q25: quantile(&posterior, 0.25),
+            q75: quantile(&posterior, 0.75),
+            q95: quantile(&posterior, 0.95),
+            prior: match centre {
+                Centre::Mean => mean(&prior),
+                Centre::Median => quantile(&prior, 0.5),
+            },
+        }
+    }
+}
+
+fn spread(draws: &Draws) -> Vec<Parameters> {
+    let stride = draws.len().div_ceil(DRAWS).max(1);
+    (0..draws.len())
+        .step_by(stride)
+        .map(|draw| draws.parameters(draw))
+        .collect()
+}
+
+fn rewards_of(problems: &[FittedProblem]) -> impl Iterator<Item = f64> {
+    let actions = problems
+        .iter()
+        .flat_map(|problem| problem.problem.actions());
+    actions
+        .flat_map(|action| action.prospect.outcomes())
+        .map(|outcome| outcome.reward)
+}
+
+/// From the worst to the best reward, nothing included.
+fn reward_grid(problems: &[FittedProblem]) -> Vec<f64> {
+    let low = rewards_of(problems).fold(0.0, f64::min);
+    let high = rewards_of(problems).fold(0.0, f64::max);
+    let mut grid: Vec<f64> = (0..=REWARD_STEPS)
+        .map(|i| low + (high - low) * i as f64 / REWARD_STEPS as f64)
+        .collect();
+    // The kink at 0 must be a point of the grid.
+    if !grid.contains(&0.0) {
+        grid.push(0.0);
+        grid.sort_by(f64::total_cmp);
+    }
+    grid
+}
+
+fn risky_weights(
+    problems: &[FittedProblem],
+    sample: &Sample,
+    chances: &[f64],
+    options: RiskAwareOptions,
+) -> Vec<RiskyWeight> {
+    let mut found: Vec<RiskyWeight> = Vec::new();
+    for action in problems
+        .iter()
+        .flat_map(|problem| problem.problem.actions())
+    {
+        let [high, low] = action.prospect.outcomes() else {
+            continue;
+        };
+        if action.prospect.is_sure() {
+            continue;
+        }
+        let (risky, other) = if high.reward.abs() > low.reward.abs() {
+            (high, low)
+        } else {
+            (low, high)
+        };
+        let known = found
+            .iter_mut()
+            .find(|w| w.reward == risky.reward && w.otherwise == other.reward);
+        if let Some(known) = known {
+            if !known.probabilities.contains(&risky.probability) {
+                known.probabilities.push(risky.probability);
+            }
+            continue;
+        }
+        let curve = sample.curve(chances, Centre::Mean, |p, person| {
+            risky_weight(p, risky.reward, other.reward, person, options).unwrap_or(f64::NAN)
+        });
+        found.push(RiskyWeight {
+            reward: risky.reward,
+            otherwise: other.reward,
+            probabilities: vec![risky.probability],
+            curve,
+        });
+    }
+    found
+}
+
+fn risky_weight(
+    p: f64,
+    reward: f64,
+    otherwise: f64,
+    person: &Parameters,
+    options: RiskAwareOptions,
+) -> Option<f64> {
+    let outcomes = [
+        Outcome {
+            probability: p,
+            reward,
+        },
+        Outcome {
+            probability: 1.0 - p,
+            reward: otherwise,
+        },
+    ];
+    let prospect = Prospect::new(outcomes).ok()?;
+    let [gamma, delta] = [Parameter::Gamma, Parameter::Delta].map(|name| person.get(name));
+    let weights = decision_weights(&prospect, gamma, delta, options).ok()?;
+    let position = prospect
+        .outcomes()
+        .iter()
+        .position(|outcome| outcome.reward == reward)?;
+    Some(weights[position])
+}
+
+fn gaps(problems: &[FittedProblem], sample: &Sample, options: RiskAwareOptions) -> Vec<ActionGap> {
+    let mut gaps = Vec::new();
+    for FittedProblem { id, problem } in problems {
+        let sure = problem
+            .actions()
+            .iter()
+            .position(|action| action.prospect.is_sure())
+            .unwrap_or(0);
+        for (index, action) in problem
+            .actions()
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| *index != sure)
+        {
+            let logits = sample.band(Centre::Median, |person| {
+                let found = utilities(problem, person, options);
+                let difference = found.map(|utilities| utilities[index] - utilities[sure]);
+                difference.map_or(f64::NAN, |gap| person.get(Parameter::Theta) * gap)
+            });
+            gaps.push(ActionGap {
+                problem: id.clone(),
+                action: action.name.clone(),
+                than: problem.actions()[sure].name.clone(),
+                logits,
+            });
+        }
+    }
+    gaps
+}

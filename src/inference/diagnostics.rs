@@ -1,0 +1,357 @@
+//! Convergence diagnostics of Markov chains, as ArviZ 0.23 computes them.
+//!
+//! A quantity comes as chains of equal length. Every chain is split into halves first, so that a chain that drifts
+//! disagrees with itself.
+//!
+//! Source: Vehtari, Gelman, Simpson, Carpenter & Bürkner (2021), *Rank-normalization, folding, and localization: an
+//! improved R̂*, arXiv 1903.08008; Geyer (1992) for the truncation of autocorrelations.
+
+use statrs::distribution::{ContinuousCDF, Normal};
+use statrs::function::beta::inv_beta_reg;
+
+/// Draws that differ by less than this are one value.
+const RESOLUTION: f64 = 1e-15;
+
+/// Largest R̂ of a fit that is called converged.
+pub const RHAT_LIMIT: f64 = 1.01;
+
+/// Smallest bulk and tail effective sample size of a fit that is called converged.
+pub const ESS_LIMIT: f64 = 400.0;
+
+/// Convergence of one quantity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Convergence {
+    /// Rank-normalised split R̂; NaN if the quantity never moved, or for one chain, which has none to agree with.
+    pub rhat: f64,
+    /// Effective sample size for the middle of the distribution.
+    pub ess_bulk: f64,
+    /// Effective sample size for its tails.
+    pub ess_tail: f64,
+}
+
+impl Convergence {
+    /// The diagnostics of one quantity.
+    pub fn of(chains: &[&[f64]]) -> Self {
+        let halves = split(chains);
+        let scores = normal_scores(&halves);
+        let median = quantile(&pooled_sorted(chains), 0.5);
+        let folded = halves
+            .iter()
+            .map(|half| half.iter().map(|x| (x - median).abs()).collect());
+        let folded_scores = normal_scores(&folded.collect::<Vec<_>>());
+        Self {
+            // `f64::max` ignores NaN, which must not hide that one of the two could not be computed.
+            rhat: if chains.len() < 2 {
+                f64::NAN
+            } else {
+                larger(plain_rhat(&scores), plain_rhat(&folded_scores))
+            },
+            ess_bulk: plain_ess(&scores),
+            ess_tail: smaller(ess_quantile(chains, 0.05), ess_quantile(chains, 0.95)),
+        }
+    }
+
+    /// Whether the draws may be used: R̂ under 1.01, both effective sample sizes over 400.
+    pub fn is_converged(&self) -> bool {
+        self.rhat < RHAT_LIMIT && self.ess_bulk > ESS_LIMIT && self.ess_tail > ESS_LIMIT
+    }
+}
+
+fn larger(left: f64, right: f64) -> f64 {
+    if left.is_nan() || left > right {
+        left
+    } else {
+        right
+    }
+}
+
+fn smaller(left: f64, right: f64) -> f64 {
+    if left.is_nan() || left < right {
+        left
+    } else {
+        right
+    }
+}
+
+/// Rank-normalised split R̂: the larger of that of the draws and that of their distances from the median.
+///
+/// ```text
+/// R̂ = sqrt((B/W + N − 1)/N)
+/// ```
+///
+/// * N: length of a half chain; B: N times the variance of their means; W: mean variance within.
+pub fn rhat(chains: &[&[f64]]) -> f64 {
+    Convergence::of(chains).rhat
+}
+
+/// Effective sample size for the mean.
+pub fn ess_mean(chains: &[&[f64]]) -> f64 {
+    plain_ess(&split(chains))
+}
+
+/// Effective sample size for a quantile: that of the indicator of lying at or below it.
+///
+/// * `probability`: of the quantile, in (0, 1).
+pub fn ess_quantile(chains: &[&[f64]], probability: f64) -> f64 {
+    let at = quantile(&pooled_sorted(chains), probability);
+    let indicator = |half: &Vec<f64>| half.iter().map(|x| f64::from(u8::from(*x <= at))).collect();
+    plain_ess(&split(chains).iter().map(indicator).collect::<Vec<_>>())
+}
+
+/// Monte-Carlo standard error of the mean: sd / sqrt(ESS).
+pub fn mcse_mean(chains: &[&[f64]]) -> f64 {
+    let all: Vec<f64> = chains.concat();
+    variance(&all).sqrt() / ess_mean(chains).sqrt()
+}
+
+/// Monte-Carlo standard error of a quantile, by the central 68 % of the Beta distribution of its rank.
+///
+/// * `probability`: of the quantile, in (0, 1).
+pub fn mcse_quantile(chains: &[&[f64]], probability: f64) -> f64 {
+    let ess = ess_quantile(chains, probability);
+    let sorted = pooled_sorted(chains);
+    let size = sorted.len() as f64;
+    let (a, b) = (ess * probability + 1.0, ess * (1.0 - probability) + 1.0);
+    let low = inv_beta_reg(a, b, 0.158_655_3) * size - 1.0;
+    let high = inv_beta_reg(a, b, 0.841_344_7) * size - 1.0;
+    let low = sorted[low.max(0.0).floor() as usize];
+    let high = sorted[high.min(size - 1.0).ceil() as usize];
+    (high - low) / 2.0
+}
+
+/// Integrated autocorrelation time in steps of one chain: draws per effective draw for the mean.
+pub fn autocorrelation_time(chains: &[&[f64]]) -> f64 {
+    let draws: usize = chains.iter().map(|chain| chain.len()).sum();
+    draws as f64 / ess_mean(chains)
+}
+
+/// The quantile of sorted values by linear interpolation (type 7 of Hyndman & Fan 1996).
+///
+/// * `sorted`: increasing, at least one.
+/// * `probability`: in [0, 1].
+pub fn quantile(sorted: &[f64], probability: f64) -> f64 {
+    // Written as SciPy's `mquantiles` computes it, rounding included: a rejected proposal repeats a draw, and whether
+    // repeated draws lie at or below the quantile must come out as it does there.
+    let size = sorted.len() as f64;
+    let place = size * probability + (1.0 - probability);
+    let below = place.clamp(1.0, (size - 1.0).max(1.0)).floor();
+    let share = (place - below).clamp(0.0, 1.0);
+    let low = sorted[below as usize - 1];
+    let high = sorted[(below as usize).min(sorted.len() - 1)];
+    // Infinities must not turn into NaN.
+    if low == high && low.is_infinite() || share == 0.0 {
+        return low;
+    }
+    (1.0 - share) * low + share * high
+}
+
+/// The mean of values.
+pub fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The sample variance of values, with n − 1 below.
+pub fn variance(values: &[f64]) -> f64 {
+    let centre = mean(values);
+    let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
+    squares / (values.len() as f64 - 1.0)
+}
+
+fn pooled_sorted(chains: &[&[f64]]) -> Vec<f64> {
+    let mut all = chains.concat();
+    all.sort_unstable_by(f64::total_cmp);
+    all
+}
+
+/// First and last halves of each chain; the middle draw of an odd one is left out.
+fn split(chains: &[&[f64]]) -> Vec<Vec<f64>> {
+    let mut halves = Vec::with_capacity(2 * chains.len());
+    for chain in chains {
+        let half = chain.len() / 2;
+        halves.push(chain[..half].to_vec());
+        halves.push(chain[chain.len() - half..].to_vec());
+    }
+    halves
+}
+
+/// Φ⁻¹((r − 3/8)/(S + 1/4)) of the average ranks r among all S draws.
+fn normal_scores(chains: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let length = chains.first().map_or(0, Vec::len);
+    let mut order: Vec<(f64, usize)> = chains
+        .iter()
+        .flatten()
+        .copied()
+        .enumerate()
+        .map(|(index, value)| (value, index))
+        .collect();
+    order.sort_unstable_by(|left, right| left.0.total_cmp(&right.0));
+    let size = order.len() as f64;
+    let standard = Normal::standard();
+    let mut scores = vec![vec![0.0; length]; chains.len()];
+    let mut start = 0;
+    while start < order.len() {
+        let ties = order[start..]
+            .iter()
+            .take_while(|(value, _)| *value == order[start].0)
+            .count();
+        // NaN equals nothing, itself included; it still takes one rank.
+        let ties = ties.max(1);
+        let rank = start as f64 + (ties as f64 + 1.0) / 2.0;
+        let score = standard.inverse_cdf((rank - 0.375) / (size + 0.25));
+        for (_, index) in &order[start..start + ties] {
+            scores[index / length][index % length] = score;
+        }
+        start += ties;
+    }
+    scores
+}
+
+fn plain_rhat(chains: &[Vec<f64>]) -> f64 {
+    let length = chains[0].len() as f64;
+    let means: Vec<f64> = chains.iter().map(|chain| mean(chain)).collect();
+    let variances: Vec<f64> = chains.iter().map(|chain| variance(chain)).collect();
+    let between = length * variance(&means);
+    let within = mean(&variances);
+    ((between / within + length - 1.0) / length).sqrt()
+}
+
+fn plain_ess(chains: &[Vec<f64>]) -> f64 {
+    let count = chains.len();
+    let length = chains[0].len();
+    if length < 4 {
+        return f64::NAN;
+    }
+    let all = || chains.iter().flatten().copied();
+    let total = (count * length) as f64;
+    if all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min) < RESOLUTION {
+        return total;
+    }
+
+    let means: Vec<f64> = chains.iter().map(|chain| mean(chain)).collect();
+    let centred: Vec<Vec<f64>> = chains
+        .iter()
+        .zip(&means)
+        .map(|(chain, centre)| chain.iter().map(|value| value - centre).collect())
+        .collect();
+    let autocovariance = |lag: usize| -> f64 {
+        let sum = |chain: &Vec<f64>| -> f64 {
+            chain
+                .iter()
+                .zip(&chain[lag..])
+                .map(|(now, later)| now * later)
+                .sum()
+        };
+        centred.iter().map(sum).sum::<f64>() / total
+    };
+    let n = length as f64;
+    let mean_variance = autocovariance(0) * n / (n - 1.0);
+    let var_plus = mean_variance * (n - 1.0) / n + variance(&means);
+    let correlation = |lag: usize| 1.0 - (mean_variance - autocovariance(lag)) / var_plus;
+
+    // Geyer's initial positive sequence: pairs of neighbours as long as their sum is positive.
+    let mut rho = vec![0.0; length];
+    let (mut even, mut odd) = (1.0, correlation(1));
+    rho[0] = even;
+    rho[1] = odd;
+    let mut lag = 1;
+    while lag < length - 3 && even + odd > 0.0 {
+        even = correlation(lag + 1);
+        odd = correlation(lag + 2);
+        if even + odd >= 0.0 {
+            rho[lag + 1] = even;
+            rho[lag + 2] = odd;
+        }
+        lag += 2;
+    }
+    // `last` is the odd lag that ends the last pair kept; with lag = 1 there is none behind the first.
+    let last = lag as isize - 2;
+    let next = (last + 1) as usize;
+    if even > 0.0 {
+        rho[next] = even;
+    }
+    // Initial monotone sequence: no pair above the one before it.
+    let mut lag = 1;
+    while lag as isize <= last - 2 {
+        if rho[lag + 1] + rho[lag + 2] > rho[lag - 1] + rho[lag] {
+            rho[lag + 1] = (rho[lag - 1] + rho[lag]) / 2.0;
+            rho[lag + 2] = rho[lag + 1];
+        }
+        lag += 2;
+    }
+    let time = -1.0 + 2.0 * rho[..next].iter().sum::<f64>() + rho[next];
+    total / time.max(1.0 / total.log10())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+    use crate::model::OrderedMap;
+
+    #[derive(Deserialize)]
+    struct Vectors {
+        cases: OrderedMap<Case>,
+    }
+
+    #[derive(Deserialize)]
+    struct Case {
+        draws: Vec<Vec<f64>>,
+        arviz: OrderedMap<serde_json::Value>,
+    }
+
+    #[track_caller]
+    fn check(case: &str, name: &str, found: f64, expected: &serde_json::Value) {
+        let Some(expected) = expected.as_f64() else {
+            assert!(found.is_nan(), "{case}: {name} is {found}, ArviZ has NaN");
+            return;
+        };
+        let close = (found - expected).abs() <= 1e-6 * expected.abs();
+        assert!(close, "{case}: {name} is {found}, ArviZ has {expected}");
+    }
+
+    /// tests/data/diagnostics.json holds draws and what ArviZ 0.23.4 says about them.
+    #[test]
+    fn diagnostics_agree_with_arviz() {
+        let text = include_str!("../../tests/data/diagnostics.json");
+        let vectors: Vectors = serde_json::from_str(text).unwrap();
+        assert!(vectors.cases.iter().count() >= 16);
+        for (name, case) in vectors.cases.iter() {
+            let chains: Vec<&[f64]> = case.draws.iter().map(Vec::as_slice).collect();
+            let found = Convergence::of(&chains);
+            let expected = |key: &str| case.arviz.get(key).unwrap();
+            check(name, "rhat", found.rhat, expected("rhat_rank"));
+            check(name, "bulk", found.ess_bulk, expected("ess_bulk"));
+            check(name, "tail", found.ess_tail, expected("ess_tail"));
+            check(name, "mean", ess_mean(&chains), expected("ess_mean"));
+            check(
+                name,
+                "mcse of mean",
+                mcse_mean(&chains),
+                expected("mcse_mean"),
+            );
+            for (probability, key) in [(0.05, "0.05"), (0.95, "0.95")] {
+                let ess = expected(&format!("ess_quantile_{key}"));
+                check(name, "quantile", ess_quantile(&chains, probability), ess);
+                let mcse = expected(&format!("mcse_quantile_{key}"));
+                check(
+                    name,
+                    "mcse of quantile",
+                    mcse_quantile(&chains, probability),
+                    mcse,
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn quantiles_interpolate() {
+        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.5), 2.0);
+        assert_eq!(quantile(&[1.0, 2.0, 4.0], 0.75), 3.0);
+        assert_eq!(quantile(&[7.0], 0.3), 7.0);
+        assert_eq!(
+            quantile(&[f64::NEG_INFINITY, f64::NEG_INFINITY, 0.0], 0.25),
+            f64::NEG_INFINITY
+        );
+    }
+}
