@@ -1,9 +1,16 @@
-//! The `riskaware` program: parses arguments, starts logging, calls the library.
+//! The `riskaware` command. Exit status 0: done, 1: failed, 2: wrong usage.
 
 use std::process::ExitCode;
 
 use clap::Parser;
+use riskaware::cli::{Cli, run};
 
 fn main() -> ExitCode {
-    riskaware::cli::Cli::parse().run()
+    match run(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
 }

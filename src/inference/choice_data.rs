@@ -143,17 +143,17 @@ pub enum ChoiceDataError {
 pub(crate) mod tests {
     use super::*;
 
-    /// Data from `(id, actions, counts)`, for tests.
-    pub(crate) fn data(cells: &[(&str, &[(&str, &[(f64, f64)])], &[u64])]) -> ChoiceData {
-        let problems = cells
-            .iter()
-            .map(|(id, actions, _)| FittedProblem {
-                id: (*id).to_owned(),
-                problem: ChoiceProblem::from_outcomes(actions.iter().copied()).unwrap(),
-            })
-            .collect();
+    /// `(id, actions, counts)`, for tests.
+    pub(crate) type Cell<'a> = (&'a str, &'a [(&'a str, &'a [(f64, f64)])], &'a [u64]);
+
+    /// Data from cells, for tests.
+    pub(crate) fn data(cells: &[Cell<'_>]) -> ChoiceData {
+        let problem = |(id, actions, _): &Cell<'_>| FittedProblem {
+            id: (*id).to_owned(),
+            problem: ChoiceProblem::from_outcomes(actions.iter().copied()).unwrap(),
+        };
         let counts = cells.iter().map(|(_, _, counts)| counts.to_vec()).collect();
-        ChoiceData::from_counts(problems, counts).unwrap()
+        ChoiceData::from_counts(cells.iter().map(problem).collect(), counts).unwrap()
     }
 
     fn cups() -> FittedProblem {

@@ -61,7 +61,7 @@ impl Parameter {
     pub fn accepts(self, value: f64) -> bool {
         match self {
             Self::Alpha | Self::Beta | Self::Gamma | Self::Delta => 0.0 < value && value <= 1.0,
-            Self::Lambda | Self::Theta => 0.0 <= value && value < f64::INFINITY,
+            Self::Lambda | Self::Theta => (0.0..f64::INFINITY).contains(&value),
         }
     }
 }

@@ -1,3 +1,3 @@
-//! The integration tests, one module per feature.
+//! Features at their boundary, one module each.
 
-mod study;
+mod fit;

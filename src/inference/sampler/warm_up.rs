@@ -186,8 +186,8 @@ fn move_points<D: LogDensity>(
             };
             let proposed = density.evaluate(&position);
             let gain = proposed.tempered(temperature) - point.density.tempered(temperature);
-            // NaN (from −∞ − −∞, nowhere to somewhere equally impossible) counts as a move.
-            if !(rng.random::<f64>().ln() >= gain) {
+            // From one impossible place to another (−∞ − −∞) counts as a move.
+            if gain.is_nan() || rng.random::<f64>().ln() < gain {
                 *point = Point {
                     position,
                     density: proposed,

@@ -1,0 +1,170 @@
+//! `riskaware fit`: models fitted to choices in files.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use indicatif::{ProgressBar, ProgressStyle};
+use serde::Serialize;
+
+use super::choice_files::{ChoiceFile, read_choices, read_problems};
+use super::fit_table::print_table;
+use crate::inference::{
+    Fit, FitSettings, FitSummary, Priors, Progress, WEIGHTING_FLOOR, default_reference_reward, fit,
+};
+use crate::model::{ChoiceModel, MODELS, OrderedMap, model_named};
+
+/// Fits models to choices and prints what they say, as a table or as JSON.
+///
+/// Exits with status 1 when chains have not converged; then only diagnostics are printed.
+#[derive(Debug, clap::Args)]
+pub(super) struct Arguments {
+    /// Problems: {"ID":{"ACTION":[[p,R],...],...},...}
+    #[arg(long, value_name = "FILE.json")]
+    problems: PathBuf,
+    /// Choices: CSV with columns problem and action, and optionally participant, count and status (rows that are not
+    /// `answered` are left out); other columns are ignored
+    #[arg(long, value_name = "FILE.csv")]
+    choices: PathBuf,
+    /// Print JSON for machines
+    #[arg(long)]
+    json: bool,
+    /// Lower bound of the priors of gamma and delta, from 0 to below 1
+    #[arg(long, value_name = "X", default_value_t = WEIGHTING_FLOOR, value_parser = weighting_floor)]
+    weighting_floor: f64,
+    /// Reward that gives tau its unit; by default the largest gain or loss of the problems
+    #[arg(long, value_name = "X", value_parser = reference_reward, allow_negative_numbers = true)]
+    reference_reward: Option<f64>,
+    /// Random seed: the same seed gives the same draws
+    #[arg(long, value_name = "N", default_value_t = FitSettings::default().seed)]
+    seed: u64,
+    /// Chains, from 2 to 64
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(2..=64))]
+    chains: u32,
+    /// Draws kept per chain, from 100 to 100000
+    #[arg(long, value_name = "N", default_value_t = 500, value_parser = clap::value_parser!(u32).range(100..=100_000))]
+    draws: u32,
+    /// Models to fit, separated by commas
+    #[arg(
+        long, value_name = "MODEL,...", value_delimiter = ',', value_parser = model,
+        default_values = MODELS.map(|model| model.id)
+    )]
+    models: Vec<&'static ChoiceModel>,
+    /// Print the results of chains that have not converged too
+    #[arg(long)]
+    show_unconverged: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let problems = read_problems(&arguments.problems)?;
+    let ChoiceFile { data, left_out } = read_choices(&arguments.choices, problems)?;
+    let reference_reward = match arguments.reference_reward {
+        Some(reward) => reward,
+        None => default_reference_reward(data.problems())
+            .with_context(|| format!("{}", arguments.problems.display()))?,
+    };
+    let settings = FitSettings {
+        priors: Priors::with_weighting_floor(arguments.weighting_floor),
+        reference_reward: Some(reference_reward),
+        chains: arguments.chains as usize,
+        draws: arguments.draws as usize,
+        seed: arguments.seed,
+        ..FitSettings::default()
+    };
+    let mut fits: Vec<Fit> = Vec::new();
+    for model in &arguments.models {
+        if fits.iter().all(|fit| fit.model != *model) {
+            let fitted = with_progress(model, |watch| fit(model, &data, &settings, watch))
+                .with_context(|| format!("cannot fit {}", model.id))?;
+            fits.push(fitted);
+        }
+    }
+    if arguments.json {
+        let shown = |fit: &Fit| {
+            let summary = &fit.summary;
+            if arguments.show_unconverged {
+                summary.clone()
+            } else {
+                summary.shown()
+            }
+        };
+        let report = Report {
+            models: fits
+                .iter()
+                .map(|fit| (fit.model.id.to_owned(), shown(fit)))
+                .collect(),
+            n: data.n(),
+            left_out,
+            seed: arguments.seed,
+            reference_reward,
+        };
+        println!("{}", serde_json::to_string(&report)?);
+    } else {
+        print_table(&data, left_out, &fits, arguments.show_unconverged);
+    }
+    let unconverged: Vec<&str> = fits
+        .iter()
+        .filter(|fit| !fit.summary.converged)
+        .map(|fit| fit.model.id)
+        .collect();
+    if !unconverged.is_empty() {
+        bail!(
+            "the chains of {} have not converged, so there is no result; more draws (--draws) may help",
+            unconverged.join(", ")
+        );
+    }
+    Ok(())
+}
+
+#[derive(Serialize)]
+struct Report {
+    models: OrderedMap<FitSummary>,
+    n: u64,
+    left_out: u64,
+    seed: u64,
+    reference_reward: f64,
+}
+
+/// Runs a fit with a spinner, which shows itself on a terminal only.
+fn with_progress<T>(
+    model: &ChoiceModel,
+    fit: impl FnOnce(&mut dyn FnMut(Progress) -> ControlFlow<()>) -> T,
+) -> T {
+    let bar = ProgressBar::new_spinner();
+    bar.set_style(ProgressStyle::default_spinner());
+    bar.enable_steady_tick(Duration::from_millis(100));
+    let label = model.label;
+    let mut known = None;
+    let result = fit(&mut |progress| {
+        if known != Some(progress) {
+            known = Some(progress);
+            bar.set_message(match progress {
+                Progress::WarmingUp => format!("{label}: warming up"),
+                Progress::Sampling { round } => format!("{label}: sampling, round {round}"),
+                Progress::Climbing => format!("{label}: looking for the highest likelihood"),
+            });
+        }
+        ControlFlow::Continue(())
+    });
+    bar.finish_and_clear();
+    result
+}
+
+fn weighting_floor(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(floor) if (0.0..1.0).contains(&floor) => Ok(floor),
+        _ => Err("allowed is a number from 0 to below 1".to_owned()),
+    }
+}
+
+fn reference_reward(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(reward) if reward.is_finite() && reward != 0.0 => Ok(reward),
+        _ => Err("allowed is a finite number other than 0".to_owned()),
+    }
+}
+
+fn model(text: &str) -> Result<&'static ChoiceModel, String> {
+    model_named(text.trim()).map_err(|error| error.to_string())
+}
