@@ -1,16 +1,9 @@
-//! The `riskaware` command. Exit status 0: done, 1: failed, 2: wrong usage.
+//! The `riskaware` program: parses arguments, starts logging, calls the library.
 
 use std::process::ExitCode;
 
 use clap::Parser;
-use riskaware::cli::{Cli, run};
 
 fn main() -> ExitCode {
-    match run(Cli::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error:#}");
-            ExitCode::FAILURE
-        }
-    }
+    riskaware::cli::Cli::parse().run()
 }

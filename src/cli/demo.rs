@@ -74,7 +74,8 @@ pub struct DemoArgs {
 pub async fn run(args: DemoArgs) -> anyhow::Result<()> {
     let parameters = parameters(&args)?;
     let seconds = |name: &str, value: f64| {
-        Duration::try_from_secs_f64(value).with_context(|| format!("--{name} {value} is not allowed: 0 or more"))
+        Duration::try_from_secs_f64(value)
+            .with_context(|| format!("--{name} {value} is not allowed: 0 or more"))
     };
     let over = seconds("minutes", args.minutes * 60.0)?;
     let thinking = seconds("thinking", args.thinking)?;
@@ -94,7 +95,14 @@ pub async fn run(args: DemoArgs) -> anyhow::Result<()> {
         .with_context(|| format!("--study {}: there is no such study", args.study))?
         .1;
     announce(address, &args)?;
-    let crowd = Crowd { study, parameters, thinking, over, people: args.people, seed: args.seed };
+    let crowd = Crowd {
+        study,
+        parameters,
+        thinking,
+        over,
+        people: args.people,
+        seed: args.seed,
+    };
     let stop = server.state.stop.clone();
     let arrivals = tokio::spawn(async move {
         tokio::select! {
@@ -116,8 +124,12 @@ fn parameters(args: &DemoArgs) -> anyhow::Result<Parameters> {
         (Parameter::Lambda, args.lambda),
         (Parameter::Theta, args.theta),
     ];
-    let start = Parameters::default();
-    Ok(given.into_iter().try_fold(start, |parameters, (name, value)| parameters.with(name, value))?)
+    let start = Parameters::ONES;
+    Ok(given
+        .into_iter()
+        .try_fold(start, |parameters, (name, value)| {
+            parameters.with(name, value)
+        })?)
 }
 
 struct Crowd {
@@ -161,9 +173,21 @@ impl Crowd {
 
 fn announce(address: SocketAddr, args: &DemoArgs) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
-    let bold = if out.is_terminal() { ("\x1b[1m", "\x1b[0m") } else { ("", "") };
-    writeln!(out, "{}Simulated people{} take the study {}; no answer here is a person's.", bold.0, bold.1, args.study)?;
-    writeln!(out, "  results       http://{address}/results/{}", args.study)?;
+    let bold = if out.is_terminal() {
+        ("\x1b[1m", "\x1b[0m")
+    } else {
+        ("", "")
+    };
+    writeln!(
+        out,
+        "{}Simulated people{} take the study {}; no answer here is a person's.",
+        bold.0, bold.1, args.study
+    )?;
+    writeln!(
+        out,
+        "  results       http://{address}/results/{}",
+        args.study
+    )?;
     writeln!(out, "  take part     http://{address}/s/{}", args.study)?;
     writeln!(
         out,

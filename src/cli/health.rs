@@ -21,14 +21,24 @@ pub async fn run(args: HealthArgs) -> anyhow::Result<()> {
     let mut address = args.listen;
     if address.ip().is_unspecified() {
         // A server that listens everywhere listens here too.
-        address.set_ip(if address.is_ipv4() { [127, 0, 0, 1].into() } else { std::net::Ipv6Addr::LOCALHOST.into() });
+        address.set_ip(if address.is_ipv4() {
+            [127, 0, 0, 1].into()
+        } else {
+            std::net::Ipv6Addr::LOCALHOST.into()
+        });
     }
-    let client = reqwest::Client::builder().timeout(Duration::from_secs(2)).build()?;
+    let client = reqwest::Client::builder()
+        .timeout(Duration::from_secs(2))
+        .build()?;
     let response = client
         .get(format!("http://{address}/healthz"))
         .send()
         .await
         .with_context(|| format!("no answer from {address}"))?;
-    ensure!(response.status().is_success(), "the server at {address} answered with {}", response.status());
+    ensure!(
+        response.status().is_success(),
+        "the server at {address} answered with {}",
+        response.status()
+    );
     Ok(())
 }

@@ -1,35 +1,101 @@
 //! The commands of the `riskaware` binary.
 
-mod choice_files;
-mod fit;
-mod fit_table;
-mod predict;
+mod demo;
+mod health;
+mod serve;
+pub mod simulation;
 
-use clap::{Parser, Subcommand};
+use std::process::ExitCode;
 
-/// Hosts risky-choice studies and fits models of the people who answer.
+use clap::{Parser, Subcommand, ValueEnum};
+use tracing_subscriber::{EnvFilter, fmt, layer::SubscriberExt, util::SubscriberInitExt};
+
+/// Hosts risky-choice studies and fits models of the people who answer while they answer.
+///
+/// Exit status: 0 done, 1 failed, 2 wrong usage.
 #[derive(Debug, Parser)]
 #[command(version, about)]
 pub struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// What is logged to standard error, such as `warn` or `riskaware=debug`
+    #[arg(long, global = true, env = "RISKAWARE_LOG", default_value = "info")]
+    log: String,
+    /// How log lines look
+    #[arg(
+        long,
+        global = true,
+        env = "RISKAWARE_LOG_FORMAT",
+        default_value = "text"
+    )]
+    log_format: LogFormat,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Fit models to choices in a CSV file.
-    Fit(fit::Arguments),
-    /// Read choice problems line by line and write choice probabilities.
-    Predict(predict::Arguments),
+    /// Run the server (the default)
+    Serve(serve::ServeArgs),
+    /// Run the server on a temporary database with simulated people arriving
+    Demo(demo::DemoArgs),
+    /// Ask a running server whether it is well
+    Health(health::HealthArgs),
 }
 
-/// Runs the command that was asked for.
-///
-/// # Errors
-/// When the command fails; the error says what was wrong and where.
-pub fn run(cli: Cli) -> anyhow::Result<()> {
-    match cli.command {
-        Command::Fit(arguments) => fit::run(&arguments),
-        Command::Predict(arguments) => predict::run(&arguments),
+impl Cli {
+    /// Carries the command out and says what went wrong, if anything did.
+    pub fn run(self) -> ExitCode {
+        let filter = match EnvFilter::try_new(&self.log) {
+            Ok(filter) => filter,
+            Err(error) => {
+                eprintln!("error: --log {:?}: {error}", self.log);
+                return ExitCode::from(2);
+            }
+        };
+        let log = tracing_subscriber::registry().with(filter);
+        match self.log_format {
+            LogFormat::Text => log.with(fmt::layer().with_writer(std::io::stderr)).init(),
+            LogFormat::Json => log
+                .with(fmt::layer().json().with_writer(std::io::stderr))
+                .init(),
+        }
+        match self.command.unwrap_or_else(default_command).run() {
+            Ok(code) => code,
+            Err(error) => {
+                eprintln!("error: {error:#}");
+                ExitCode::FAILURE
+            }
+        }
     }
+}
+
+/// `riskaware` alone is `riskaware serve` with its settings from the environment.
+fn default_command() -> Command {
+    let Cli { command, .. } = Cli::parse_from(["riskaware", "serve"]);
+    command.expect("serve was named")
+}
+
+impl Command {
+    fn run(self) -> anyhow::Result<ExitCode> {
+        match self {
+            Self::Serve(args) => block_on(serve::run(args)),
+            Self::Demo(args) => block_on(demo::run(args)),
+            Self::Health(args) => block_on(health::run(args)),
+        }
+    }
+}
+
+fn block_on(command: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()?
+        .block_on(command)?;
+    Ok(ExitCode::SUCCESS)
 }

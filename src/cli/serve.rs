@@ -61,15 +61,23 @@ impl Server {
         let store = Store::open(Options::at(&args.database), Clock::start())
             .await
             .with_context(|| format!("opening the database {}", args.database.display()))?;
-        let catalogue = Catalogue::publish(&store, studies).await.context("reading the study files")?;
-        let listener = TcpListener::bind(args.listen)
+        let catalogue = Catalogue::publish(&store, studies)
             .await
-            .with_context(|| format!("listening on {}; choose another address with --listen", args.listen))?;
+            .context("reading the study files")?;
+        let listener = TcpListener::bind(args.listen).await.with_context(|| {
+            format!(
+                "listening on {}; choose another address with --listen",
+                args.listen
+            )
+        })?;
         let state = AppState {
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),
-            settings: Arc::new(Settings { open_results: args.open_results, population }),
+            settings: Arc::new(Settings {
+                open_results: args.open_results,
+                population,
+            }),
             stop: CancellationToken::new(),
         };
         Ok(Self { listener, state })
@@ -97,18 +105,22 @@ impl Server {
 
 /// The built-in study files and those of a folder, which replace built-in ones of the same name.
 fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
-    let mut files: Vec<(String, String)> =
-        study::built_in().into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect();
+    let mut files: Vec<(String, String)> = study::built_in()
+        .into_iter()
+        .map(|(name, text)| (name.to_owned(), text.to_owned()))
+        .collect();
     let Some(folder) = folder else {
         return Ok(files);
     };
-    let entries = std::fs::read_dir(folder).with_context(|| format!("reading the studies folder {}", folder.display()))?;
+    let entries = std::fs::read_dir(folder)
+        .with_context(|| format!("reading the studies folder {}", folder.display()))?;
     for entry in entries {
         let path = entry?.path();
         if path.extension().is_none_or(|extension| extension != "toml") {
             continue;
         }
-        let text = std::fs::read_to_string(&path).with_context(|| format!("reading {}", path.display()))?;
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("reading {}", path.display()))?;
         files.push((path.display().to_string(), text));
     }
     Ok(files)
@@ -117,11 +129,19 @@ fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
 /// Says where everything is, on standard output: the log goes to standard error.
 fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
-    writeln!(out, "riskaware {} serves http://{address}", env!("CARGO_PKG_VERSION"))?;
+    writeln!(
+        out,
+        "riskaware {} serves http://{address}",
+        env!("CARGO_PKG_VERSION")
+    )?;
     writeln!(out, "  database      {}", args.database.display())?;
     for study in state.catalogue.studies() {
         writeln!(out, "  take part     http://{address}/s/{}", study.id())?;
-        writeln!(out, "  results       http://{address}/results/{}", study.id())?;
+        writeln!(
+            out,
+            "  results       http://{address}/results/{}",
+            study.id()
+        )?;
     }
     writeln!(out, "  {}", state.settings.access())?;
     out.flush()?;
@@ -130,7 +150,8 @@ fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::
 
 /// Completes at Ctrl-C or when a supervisor ends the program.
 pub(super) fn asked_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
-    let mut terminate = tokio::signal::unix::signal(SignalKind::terminate()).context("listening for SIGTERM")?;
+    let mut terminate =
+        tokio::signal::unix::signal(SignalKind::terminate()).context("listening for SIGTERM")?;
     Ok(async move {
         tokio::select! {
             _ = tokio::signal::ctrl_c() => {}

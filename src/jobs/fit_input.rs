@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 use super::StudyCounts;
 use crate::{
     inference::{ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR},
-    model::{ChoiceModel, ChoiceProblem, MODELS, OrderedMap, RiskAwareOptions, ZeroOutcome},
+    model::{ChoiceModel, ChoiceProblem, MODELS, OrderedMap},
     store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
 };
@@ -151,13 +151,7 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
     }
     FitSettings {
         priors,
-        options: RiskAwareOptions {
-            normalise: wanted.normalise,
-            zero: match wanted.zero {
-                study::Zero::Gain => ZeroOutcome::Gain,
-                study::Zero::SameSign => ZeroOutcome::SameSign,
-            },
-        },
+        options: wanted.options,
         reference_reward: Some(study.reference_reward()),
         samples: wanted.samples,
         seed,

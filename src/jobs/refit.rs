@@ -6,7 +6,7 @@ use std::{
     ops::ControlFlow,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 use tokio::sync::{broadcast::error::RecvError, mpsc, oneshot};
@@ -211,7 +211,7 @@ fn step_back() {
 }
 
 fn finish(input: &FitInput, stop: &CancellationToken) -> Option<Finished> {
-    let started = Instant::now();
+    let started = processor_ms();
     // A fault in one fit must not take the others with it.
     let result = catch_unwind(AssertUnwindSafe(|| run_fit(input, stop)));
     let (outcome, draws) = match result {
@@ -220,7 +220,14 @@ fn finish(input: &FitInput, stop: &CancellationToken) -> Option<Finished> {
         Ok(Err(failure)) => (FitOutcome::Failed(failure.to_string()), None),
         Err(panic) => (FitOutcome::Failed(panic_message(panic.as_ref())), None),
     };
-    Some(Finished { outcome, draws, cpu_ms: u64::try_from(started.elapsed().as_millis()).unwrap_or(u64::MAX) })
+    Some(Finished { outcome, draws, cpu_ms: processor_ms().saturating_sub(started) })
+}
+
+/// The processor time of this thread so far.
+fn processor_ms() -> u64 {
+    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+    let millis = time.tv_sec * 1000 + time.tv_nsec / 1_000_000;
+    u64::try_from(millis).unwrap_or(0)
 }
 
 #[derive(Debug, thiserror::Error)]

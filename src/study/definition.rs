@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::step::{ChoiceQuestion, ConsentText, FormText, InfoText};
+use super::step::{ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText};
 use super::{
     Baseline, BlockId, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
     StudyId, parse,
@@ -121,6 +121,14 @@ impl Study {
     /// What a finished run shows and where it leads.
     pub fn completion(&self) -> &Completion {
         &self.completion
+    }
+
+    /// What somebody who does not consent is shown; `None` in a study that asks for no consent.
+    pub fn declined_page(&self) -> Option<DeclinedPage<'_>> {
+        self.blocks.iter().find_map(|block| match &block.body {
+            BlockBody::Consent(text) => Some(text.step().declined),
+            BlockBody::Info(_) | BlockBody::Choice(_) | BlockBody::Form(_) => None,
+        })
     }
 
     /// How the ids that recruiting platforms send are stored.

@@ -48,11 +48,18 @@ pub(super) fn router() -> Router<AppState> {
 }
 
 async fn asset(Path((version, path)): Path<(String, String)>) -> Result<Response, Error> {
-    let file = FILES.get_file(&path).ok_or(Error::NotFound("this file"))?;
+    let file = FILES.get_file(&path).ok_or(Error::NotFound("file"))?;
     // A page from before an upgrade still gets its files, but nobody keeps them under the old name.
-    let cache = if version == *VERSION { "public, max-age=31536000, immutable" } else { "no-store" };
+    let cache = if version == *VERSION {
+        "public, max-age=31536000, immutable"
+    } else {
+        "no-store"
+    };
     let headers = [
-        (header::CONTENT_TYPE, HeaderValue::from_static(content_type(&path))),
+        (
+            header::CONTENT_TYPE,
+            HeaderValue::from_static(content_type(&path)),
+        ),
         (header::CACHE_CONTROL, HeaderValue::from_static(cache)),
     ];
     Ok((headers, file.contents()).into_response())

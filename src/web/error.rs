@@ -9,13 +9,13 @@ use axum::{
 use serde::Serialize;
 
 use super::assets;
-use crate::store;
+use crate::{store, study::StepError};
 
 /// Everything a handler can fail with. The visitor's text and the log's text differ: inner errors only reach the log.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// Nothing has this address or name.
-    #[error("{0} does not exist")]
+    #[error("this {0} does not exist")]
     NotFound(&'static str),
     /// The address exists, the method does not.
     #[error("this address does not take this kind of request")]
@@ -71,6 +71,26 @@ impl Error {
         if let Self::Internal(source) = self {
             tracing::error!(error = format!("{source:#}"), "request failed");
         }
+    }
+}
+
+impl From<store::Error> for Error {
+    fn from(error: store::Error) -> Self {
+        match error {
+            store::Error::NotFound(what) => Self::NotFound(what),
+            store::Error::Conflict(_) | store::Error::Refused(_) => {
+                Self::Conflict(error.to_string())
+            }
+            store::Error::Closed { .. } => Self::Closed(error.to_string()),
+            store::Error::Busy | store::Error::Unavailable(_) => Self::Busy,
+            store::Error::Database(_) => Self::Internal(error.into()),
+        }
+    }
+}
+
+impl From<StepError> for Error {
+    fn from(error: StepError) -> Self {
+        Self::Internal(error.into())
     }
 }
 
@@ -131,7 +151,9 @@ impl IntoResponse for ApiError {
 
 fn retry_hint(mut response: Response) -> Response {
     if response.status() == StatusCode::SERVICE_UNAVAILABLE {
-        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+        response
+            .headers_mut()
+            .insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
     }
     response
 }

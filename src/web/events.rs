@@ -25,7 +25,7 @@ pub(super) async fn stream(
     stop: CancellationToken,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     if catalogue.current(&study).is_none() {
-        return Err(Error::NotFound("this study"));
+        return Err(Error::NotFound("study"));
     }
     // Subscribed before the current version is read: nothing falls between the two.
     let mut changes = store.subscribe();

@@ -21,7 +21,10 @@ pub(super) async fn results(
     request: Request,
     next: Next,
 ) -> Response {
-    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    let host = request
+        .headers()
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok());
     if settings.open_results || (address.ip().is_loopback() && host.is_some_and(is_loopback_name)) {
         return next.run(request).await;
     }
@@ -42,7 +45,9 @@ fn is_loopback_name(host: &str) -> bool {
     };
     name == "localhost"
         || name.ends_with(".localhost")
-        || name.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+        || name
+            .parse::<std::net::IpAddr>()
+            .is_ok_and(|address| address.is_loopback())
 }
 
 #[cfg(test)]
@@ -51,10 +56,22 @@ mod tests {
 
     #[test]
     fn only_names_of_this_machine_are_loopback() {
-        for host in ["localhost:8080", "127.0.0.1", "127.0.0.1:80", "[::1]:8080", "a.localhost"] {
+        for host in [
+            "localhost:8080",
+            "127.0.0.1",
+            "127.0.0.1:80",
+            "[::1]:8080",
+            "a.localhost",
+        ] {
             assert!(is_loopback_name(host), "{host}");
         }
-        for host in ["example.org", "localhost.example.org", "10.0.0.1:8080", "[fe80::1]:1", ""] {
+        for host in [
+            "example.org",
+            "localhost.example.org",
+            "10.0.0.1:8080",
+            "[fe80::1]:1",
+            "",
+        ] {
             assert!(!is_loopback_name(host), "{host}");
         }
     }

@@ -45,8 +45,14 @@ async fn home(
             title: study.title().to_owned(),
             summary: study.summary().to_owned(),
             minutes: study.minutes(),
-            is_open: states.iter().any(|row| row.id == *study.id() && row.state == StudyState::Open),
+            is_open: states
+                .iter()
+                .any(|row| row.id == *study.id() && row.state == StudyState::Open),
         })
         .collect();
-    Ok(HomePage { studies, simulated: settings.population.is_simulated(), access: settings.access() })
+    Ok(HomePage {
+        studies,
+        simulated: settings.population.is_simulated(),
+        access: settings.access(),
+    })
 }

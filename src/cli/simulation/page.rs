@@ -22,13 +22,26 @@ pub(super) struct Page {
 
 impl Page {
     pub(super) fn read(html: &str) -> Self {
-        let mut page = Self { is_finished: html.contains("class=\"completion__code\""), ..Self::default() };
-        for tag in html.split('<').skip(1).filter_map(|rest| rest.split_once('>').map(|(tag, _)| tag)) {
-            let named = || Some((attribute(tag, "name")?, attribute(tag, "value").unwrap_or_default()));
+        let mut page = Self {
+            is_finished: html.contains("class=\"completion__code\""),
+            ..Self::default()
+        };
+        for tag in html
+            .split('<')
+            .skip(1)
+            .filter_map(|rest| rest.split_once('>').map(|(tag, _)| tag))
+        {
+            let named = || {
+                Some((
+                    attribute(tag, "name")?,
+                    attribute(tag, "value").unwrap_or_default(),
+                ))
+            };
             match tag.split_whitespace().next() {
                 Some("form") => {
                     page.action = attribute(tag, "action");
-                    page.question = attribute(tag, "data-block").zip(attribute(tag, "data-question"));
+                    page.question =
+                        attribute(tag, "data-block").zip(attribute(tag, "data-question"));
                 }
                 Some("button") => page.buttons.extend(named()),
                 Some("input") => match attribute(tag, "type").as_deref() {
@@ -65,7 +78,10 @@ mod tests {
         );
         assert_eq!(page.action.as_deref(), Some("/r/abc"));
         assert_eq!(page.question, Some(("timed".into(), "low".into())));
-        assert_eq!(page.hidden, [("step".into(), "4".into()), ("input".into(), String::new())]);
+        assert_eq!(
+            page.hidden,
+            [("step".into(), "4".into()), ("input".into(), String::new())]
+        );
         assert_eq!(page.buttons, [("action".into(), "stop".into())]);
         assert!(!page.is_finished);
     }
@@ -73,6 +89,12 @@ mod tests {
     #[test]
     fn a_page_without_a_form_asks_nothing() {
         let page = Page::read(r#"<p class="completion__code">ABC</p>"#);
-        assert_eq!(page, Page { is_finished: true, ..Page::default() });
+        assert_eq!(
+            page,
+            Page {
+                is_finished: true,
+                ..Page::default()
+            }
+        );
     }
 }

@@ -60,7 +60,11 @@ impl<R: Rng> Person<R> {
     ///
     /// # Errors
     /// When the server does not answer as it should.
-    pub async fn takes_part(&mut self, client: &Client, server: &str) -> Result<usize, PersonError> {
+    pub async fn takes_part(
+        &mut self,
+        client: &Client,
+        server: &str,
+    ) -> Result<usize, PersonError> {
         let landing = format!("{server}/s/{}", self.study.id());
         let mut html = text("GET", "/s/STUDY", client.get(landing).send().await?).await?;
         for turned in 0..MOST_PAGES {
@@ -97,16 +101,29 @@ impl<R: Rng> Person<R> {
         }
         let mut options = page.options;
         while let Some((name, _)) = options.first().cloned() {
-            let (these, others): (Vec<_>, Vec<_>) = options.into_iter().partition(|(other, _)| *other == name);
+            let (these, others): (Vec<_>, Vec<_>) =
+                options.into_iter().partition(|(other, _)| *other == name);
             // Whoever picks "other" would have to write something.
-            let these: Vec<_> = these.into_iter().filter(|(_, value)| value != "other").collect();
-            fields.extend(these.get(self.rng.random_range(0..these.len().max(1))).cloned());
+            let these: Vec<_> = these
+                .into_iter()
+                .filter(|(_, value)| value != "other")
+                .collect();
+            fields.extend(
+                these
+                    .get(self.rng.random_range(0..these.len().max(1)))
+                    .cloned(),
+            );
             options = others;
         }
         Ok(fields)
     }
 
-    fn chooses(&mut self, block: BlockId, question: QuestionId, names: &[String]) -> Result<String, PersonError> {
+    fn chooses(
+        &mut self,
+        block: BlockId,
+        question: QuestionId,
+        names: &[String],
+    ) -> Result<String, PersonError> {
         let asked = StepPlan {
             kind: StepKind::Choice,
             block,
@@ -117,7 +134,12 @@ impl<R: Rng> Person<R> {
         if let Step::Choice(choice) = self.study.step(&asked)?
             && let Some(problem) = choice.problem
         {
-            return Ok(draw(problem, &self.parameters, self.study.fit().options, &mut self.rng)?);
+            return Ok(draw(
+                problem,
+                &self.parameters,
+                self.study.fit().options,
+                &mut self.rng,
+            )?);
         }
         // Nothing is known that the model could weigh.
         let toss = self.rng.random_range(0..names.len().max(1));
@@ -146,7 +168,11 @@ fn draw(
 }
 
 /// Sends a form until the server has taken it, as a page does that keeps its pending form.
-async fn send(client: &Client, url: &str, fields: &[(String, String)]) -> Result<String, PersonError> {
+async fn send(
+    client: &Client,
+    url: &str,
+    fields: &[(String, String)],
+) -> Result<String, PersonError> {
     let mut tries = 0;
     loop {
         let response = client.post(url).form(fields).send().await?;
@@ -154,14 +180,25 @@ async fn send(client: &Client, url: &str, fields: &[(String, String)]) -> Result
             return text("POST", "a form", response).await;
         }
         tries += 1;
-        let seconds = response.headers().get(header::RETRY_AFTER).and_then(|value| value.to_str().ok()?.parse().ok());
+        let seconds = response
+            .headers()
+            .get(header::RETRY_AFTER)
+            .and_then(|value| value.to_str().ok()?.parse().ok());
         tokio::time::sleep(Duration::from_secs(seconds.unwrap_or(1))).await;
     }
 }
 
-async fn text(method: &'static str, path: &'static str, response: Response) -> Result<String, PersonError> {
+async fn text(
+    method: &'static str,
+    path: &'static str,
+    response: Response,
+) -> Result<String, PersonError> {
     match response.status() {
         StatusCode::OK => Ok(response.text().await?),
-        status => Err(PersonError::Status { method, path, status }),
+        status => Err(PersonError::Status {
+            method,
+            path,
+            status,
+        }),
     }
 }

@@ -15,7 +15,7 @@ pub(in crate::study) struct ConsentText {
 }
 
 impl ConsentText {
-    pub(super) fn step(&self) -> ConsentStep<'_> {
+    pub(in crate::study) fn step(&self) -> ConsentStep<'_> {
         ConsentStep {
             version: &self.version,
             title: &self.title,

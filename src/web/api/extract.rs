@@ -26,7 +26,7 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
     async fn from_request_parts(parts: &mut request::Parts, state: &S) -> Result<Self, ApiError> {
         let found = axum::extract::Path::<T>::from_request_parts(parts, state).await;
         // An id that cannot be read is one that nothing has.
-        found.map(|path| Self(path.0)).map_err(|_: PathRejection| ApiError(Error::NotFound("this address of the API")))
+        found.map(|path| Self(path.0)).map_err(|_: PathRejection| ApiError(Error::NotFound("address of the API")))
     }
 }
 

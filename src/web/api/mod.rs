@@ -48,7 +48,7 @@ pub(super) fn router() -> Router<AppState> {
         "/api",
         Router::new()
             .nest("/v1", studies)
-            .fallback(|| async { ApiError(Error::NotFound("this address of the API")) })
+            .fallback(|| async { ApiError(Error::NotFound("address of the API")) })
             .method_not_allowed_fallback(|| async { ApiError(Error::MethodNotAllowed) }),
     )
 }
@@ -166,7 +166,7 @@ async fn entry(store: &Store, settings: &Settings, study: &Study) -> Result<Stud
 }
 
 fn served(catalogue: &Catalogue, study: &StudyId) -> Result<Arc<Study>, Error> {
-    catalogue.current(study).map(|(_, study)| study).ok_or(Error::NotFound("this study"))
+    catalogue.current(study).map(|(_, study)| study).ok_or(Error::NotFound("study"))
 }
 
 async fn summary(

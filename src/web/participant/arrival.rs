@@ -28,7 +28,7 @@ pub(super) async fn arrive(
     Query(query): Query<BTreeMap<String, String>>,
 ) -> Result<Redirect, Error> {
     let mut arrival = recruiting::read(&query)?;
-    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     match served.recruiting_ids() {
         RecruitingIds::Plain => {}
         RecruitingIds::Hashed => {
@@ -50,8 +50,10 @@ pub(super) async fn landing(
     Path((study, token)): Path<(StudyId, String)>,
 ) -> Result<LandingPage, Error> {
     let token = read_token(&token)?;
-    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
-    store.arrival(&token, &study).await?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    if store.arrival(&token).await?.study != study {
+        return Err(Error::NotFound("link"));
+    }
     Ok(LandingPage {
         title: served.title().to_owned(),
         summary: served.summary().to_owned(),
@@ -70,7 +72,7 @@ pub(super) async fn start(
     Path((study, token)): Path<(StudyId, String)>,
 ) -> Result<Redirect, Error> {
     let arrival = read_token(&token)?;
-    let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("this study"))?;
+    let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let run = NewRun {
         version,
         steps: draw_run(&served, &mut chance.fork())?,
@@ -84,5 +86,5 @@ pub(super) async fn start(
 
 /// A text that is no token opens nothing, just as an unknown one.
 pub(super) fn read_token(text: &str) -> Result<Token, Error> {
-    text.parse().map_err(|_| Error::NotFound("this link"))
+    text.parse().map_err(|_| Error::NotFound("link"))
 }

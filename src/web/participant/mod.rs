@@ -13,9 +13,15 @@ use super::{AppState, Error};
 pub(super) fn router() -> Router<AppState> {
     Router::new()
         .route("/s/{study}", get(arrival::arrive))
-        .route("/s/{study}/a/{token}", get(arrival::landing).post(arrival::start))
+        .route(
+            "/s/{study}/a/{token}",
+            get(arrival::landing).post(arrival::start),
+        )
         .route("/r/{token}", get(run::current).post(run::answer))
-        .route("/r/{token}/withdraw", get(withdrawal::ask).post(withdrawal::withdraw))
+        .route(
+            "/r/{token}/withdraw",
+            get(withdrawal::ask).post(withdrawal::withdraw),
+        )
 }
 
 /// A page that a person is about to look at: a browser that fetches ahead is sent away, because looking starts clocks
@@ -26,7 +32,10 @@ impl<S: Sync> FromRequestParts<S> for Looking {
     type Rejection = Error;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
-        let purpose = parts.headers.get("sec-purpose").and_then(|purpose| purpose.to_str().ok());
+        let purpose = parts
+            .headers
+            .get("sec-purpose")
+            .and_then(|purpose| purpose.to_str().ok());
         if purpose.is_some_and(|purpose| purpose.contains("prefetch")) {
             return Err(Error::Busy);
         }

@@ -2,18 +2,19 @@
 
 use std::collections::BTreeMap;
 
-use askama::Template;
-use askama_web::WebTemplate;
-use axum::response::{IntoResponse, Response};
-
 use crate::{
-    store::Token,
+    store::{StepView, Token},
     study::{
-        Completion, Step, StepPlan,
-        step::{ChoiceStep, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep, InfoStep},
+        Completion, StepPlan, Timestamp,
+        step::{
+            ChoiceStep, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep,
+            InfoStep,
+        },
     },
     web::assets,
 };
+use askama::Template;
+use askama_web::WebTemplate;
 
 /// What every step's page needs to know of its run.
 pub(super) struct RunLink<'a> {
@@ -35,6 +36,16 @@ pub(super) struct PageClock {
 }
 
 impl PageClock {
+    /// The clock of a step at `now`; none for one without a limit.
+    pub(super) fn of(step: &StepView, now: Timestamp) -> Option<Self> {
+        let (limit_ms, shown_at, deadline) = (step.limit_ms?, step.shown_at?, step.deadline?);
+        Some(Self {
+            remaining_ms: limit_ms.saturating_sub(now.millis_since(shown_at)),
+            limit_ms,
+            closes_in_ms: deadline.millis_since(now),
+        })
+    }
+
     fn remaining_s(self) -> u64 {
         self.remaining_ms.div_ceil(1000)
     }
@@ -64,37 +75,53 @@ pub(super) struct LandingPage {
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/consent.html")]
-struct ConsentPage<'a> {
-    run: RunLink<'a>,
-    text: ConsentStep<'a>,
-    errors: Vec<FieldError>,
+pub(super) struct ConsentPage<'a> {
+    pub run: RunLink<'a>,
+    pub text: ConsentStep<'a>,
+    pub errors: Vec<FieldError>,
 }
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/info.html")]
-struct InfoPage<'a> {
-    run: RunLink<'a>,
-    text: InfoStep<'a>,
-    scene: Option<&'static str>,
+pub(super) struct InfoPage<'a> {
+    pub run: RunLink<'a>,
+    pub text: InfoStep<'a>,
+    pub scene: Option<&'static str>,
 }
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/choice.html")]
-struct ChoicePage<'a> {
-    run: RunLink<'a>,
-    question: ChoiceStep<'a>,
-    scene: Option<&'static str>,
-    clock: Option<PageClock>,
-    errors: Vec<FieldError>,
+pub(super) struct ChoicePage<'a> {
+    pub run: RunLink<'a>,
+    pub question: ChoiceStep<'a>,
+    pub scene: Option<&'static str>,
+    pub clock: Option<PageClock>,
+    pub errors: Vec<FieldError>,
 }
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/form.html")]
-struct FormPage<'a> {
+pub(super) struct FormPage<'a> {
     run: RunLink<'a>,
     text: FormStep<'a>,
     fields: Vec<FieldView<'a>>,
-    errors: Vec<FieldError>,
+    errors: &'a [FieldError],
+}
+
+impl<'a> FormPage<'a> {
+    pub(super) fn new(run: RunLink<'a>, text: FormStep<'a>, rejected: &'a Rejected) -> Self {
+        let fields = text
+            .fields
+            .iter()
+            .map(|field| view(field, &rejected.fields, &rejected.errors))
+            .collect();
+        Self {
+            run,
+            text,
+            fields,
+            errors: &rejected.errors,
+        }
+    }
 }
 
 /// A form field with what was typed into it before.
@@ -145,7 +172,11 @@ pub(super) struct ThanksPage<'a> {
 /// What the last page tells about the run.
 pub(super) enum Outcome {
     /// To the link that finished it.
-    Finished { code: String, redirect: Option<String>, stored: u64 },
+    Finished {
+        code: String,
+        redirect: Option<String>,
+        stored: u32,
+    },
     /// To another link of the same person.
     AlreadyTaken,
 }
@@ -163,35 +194,24 @@ pub(super) struct WithdrawPage {
     pub token: Token,
 }
 
-/// The page of an open step; `Thanks` has a page of its own, since nothing is asked there.
-pub(super) fn step_page(run: RunLink<'_>, step: Step<'_>, clock: Option<PageClock>, rejected: Rejected) -> Response {
-    let errors = rejected.errors;
-    match step {
-        Step::Consent(text) => ConsentPage { run, text, errors }.into_response(),
-        Step::Info(text) => InfoPage { scene: scene(text.scene), run, text }.into_response(),
-        Step::Choice(question) => {
-            ChoicePage { scene: scene(question.scene), run, question, clock, errors }.into_response()
-        }
-        Step::Form(text) => {
-            let fields = text.fields.iter().map(|field| view(field, &rejected.fields, &errors)).collect();
-            FormPage { run, text, fields, errors: errors.clone() }.into_response()
-        }
-        Step::Thanks(text) => {
-            ThanksPage { token: run.token, completion: text.completion, outcome: Outcome::AlreadyTaken }.into_response()
-        }
-    }
-}
-
-fn view<'a>(field: &'a Field, typed: &'a BTreeMap<String, String>, errors: &'a [FieldError]) -> FieldView<'a> {
+fn view<'a>(
+    field: &'a Field,
+    typed: &'a BTreeMap<String, String>,
+    errors: &'a [FieldError],
+) -> FieldView<'a> {
     let typed = |name: &str| typed.get(name).map_or("", String::as_str);
     FieldView {
         value: typed(&field.id),
         other: typed(&field.other_name()),
-        error: errors.iter().find(|error| error.field == field.id).map(|error| error.message.as_str()),
+        error: errors
+            .iter()
+            .find(|error| error.field == field.id)
+            .map(|error| error.message.as_str()),
         field,
     }
 }
 
-fn scene(id: Option<&str>) -> Option<&'static str> {
+/// A drawn scene, to stand inside the page.
+pub(super) fn scene(id: Option<&str>) -> Option<&'static str> {
     assets::text(&format!("scenes/{}.svg", id?))
 }

@@ -31,7 +31,10 @@ pub(super) fn read(query: &BTreeMap<String, String>) -> Result<NewArrival, Error
         let Some(value) = query.get(name).map(|value| value.trim()) else {
             continue;
         };
-        if value.is_empty() || value.chars().count() > LONGEST_VALUE || value.chars().any(char::is_control) {
+        if value.is_empty()
+            || value.chars().count() > LONGEST_VALUE
+            || value.chars().any(char::is_control)
+        {
             return Err(Error::BadRequest(format!(
                 "the link's parameter {name} must hold 1 to {LONGEST_VALUE} printable characters"
             )));
@@ -41,7 +44,9 @@ pub(super) fn read(query: &BTreeMap<String, String>) -> Result<NewArrival, Error
             continue;
         }
         if let Some(platform) = platform
-            && let Some((other, _)) = arrival.person.replace((platform.to_owned(), value.to_owned()))
+            && let Some((other, _)) = arrival
+                .person
+                .replace((platform.to_owned(), value.to_owned()))
         {
             return Err(Error::BadRequest(format!(
                 "the link names the person twice, for {other} and for {platform}"

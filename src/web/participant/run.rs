@@ -14,19 +14,21 @@ use serde::Serialize;
 use super::{
     Looking,
     arrival::read_token,
-    pages::{NotePage, Outcome, PageClock, Rejected, RunLink, ThanksPage, step_page},
+    pages::{
+        ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, Outcome, PageClock, Rejected,
+        RunLink, ThanksPage, scene,
+    },
     withdrawal::withdrawn,
 };
 use crate::{
     chance::Chance,
-    clock::Clock,
     jobs::Catalogue,
-    store::{RunState, RunView, Store, Submission, Token, Verdict},
+    store::{RunState, RunView, StepView, Store, Submission, Token, Verdict},
     study::{
         CompletionCode, Step, Study,
         step::{ClientTiming, FieldError, Fields},
     },
-    web::Error,
+    web::{AppState, Error},
 };
 
 /// GET `/r/TOKEN`: the page that this person is at.
@@ -36,7 +38,7 @@ pub(super) async fn current(
     Path(token): Path<String>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = pages.store.run(&token).await?;
+    let run = pages.store.visit(&token).await?;
     pages.page(&token, &run, Rejected::default()).await
 }
 
@@ -48,7 +50,9 @@ pub(super) async fn answer(
     form: Result<Form<Fields>, FormRejection>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let Form(fields) = form.map_err(|rejection| Error::BadRequest(format!("the form could not be read: {rejection}")))?;
+    let Form(fields) = form.map_err(|rejection| {
+        Error::BadRequest(format!("the form could not be read: {rejection}"))
+    })?;
     let run = pages.store.run(&token).await?;
     let position = field(&fields, "step")?
         .parse()
@@ -57,9 +61,18 @@ pub(super) async fn answer(
     let submission = match pages.submission(&run, position, key, &fields).await? {
         Ok(submission) => submission,
         // What is wrong with a step that is closed matters to nobody.
-        Err(_) if position < run.position => return Ok(receipt(&headers, &token, StatusCode::CONFLICT)),
+        Err(_)
+            if run
+                .step
+                .as_ref()
+                .is_none_or(|current| position < current.position) =>
+        {
+            return Ok(receipt(&headers, &token, StatusCode::CONFLICT));
+        }
         Err(errors) => {
-            let page = pages.page(&token, &run, Rejected { fields, errors }).await?;
+            let page = pages
+                .page(&token, &run, Rejected { fields, errors })
+                .await?;
             return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
         }
     };
@@ -83,7 +96,9 @@ fn receipt(headers: &HeaderMap, token: &Token, status: StatusCode) -> Response {
         next: String,
     }
     let next = format!("/r/{token}");
-    let accepts = headers.get(header::ACCEPT).and_then(|accept| accept.to_str().ok());
+    let accepts = headers
+        .get(header::ACCEPT)
+        .and_then(|accept| accept.to_str().ok());
     if accepts.is_some_and(|accept| accept.starts_with("application/json")) {
         (status, Json(Receipt { next })).into_response()
     } else {
@@ -92,17 +107,30 @@ fn receipt(headers: &HeaderMap, token: &Token, status: StatusCode) -> Response {
 }
 
 fn field<'a>(fields: &'a Fields, name: &str) -> Result<&'a str, Error> {
-    let value = fields.get(name).filter(|value| !value.is_empty() && value.len() <= 64);
-    value.map(String::as_str).ok_or_else(|| Error::BadRequest(format!("field {name} must hold 1 to 64 characters")))
+    let value = fields
+        .get(name)
+        .filter(|value| !value.is_empty() && value.len() <= 64);
+    value
+        .map(String::as_str)
+        .ok_or_else(|| Error::BadRequest(format!("field {name} must hold 1 to 64 characters")))
 }
 
 /// What it takes to make the page of a run.
-#[derive(Clone, axum::extract::FromRef)]
+#[derive(Clone)]
 pub(super) struct RunPages {
     store: Store,
     catalogue: Arc<Catalogue>,
     chance: Chance,
-    clock: Clock,
+}
+
+impl axum::extract::FromRef<AppState> for RunPages {
+    fn from_ref(state: &AppState) -> Self {
+        Self {
+            store: state.store.clone(),
+            catalogue: state.catalogue.clone(),
+            chance: state.chance.clone(),
+        }
+    }
 }
 
 impl RunPages {
@@ -116,7 +144,7 @@ impl RunPages {
     ) -> Result<Result<Submission, Vec<FieldError>>, Error> {
         let plan = self.store.step(run.run, position).await?;
         let study = self.study(run)?;
-        let step = study.step(&plan).map_err(Error::internal)?;
+        let step = study.step(&plan)?;
         let consent_version = match &step {
             Step::Consent(consent) => Some(consent.version.to_owned()),
             Step::Info(_) | Step::Choice(_) | Step::Form(_) | Step::Thanks(_) => None,
@@ -131,49 +159,109 @@ impl RunPages {
     }
 
     fn study(&self, run: &RunView) -> Result<Arc<Study>, Error> {
-        self.catalogue
-            .version(run.version)
-            .ok_or_else(|| Error::Internal(anyhow::anyhow!("study version {} is not readable", run.version)))
+        self.catalogue.version(run.version).ok_or_else(|| {
+            Error::Internal(anyhow::anyhow!(
+                "study version {} cannot be read",
+                run.version
+            ))
+        })
     }
 
-    /// The page of the step that is open now, with messages where its form was sent back.
-    async fn page(&self, token: &Token, run: &RunView, rejected: Rejected) -> Result<Response, Error> {
+    /// The page that a run is at, with messages where its form was sent back.
+    async fn page(
+        &self,
+        token: &Token,
+        run: &RunView,
+        rejected: Rejected,
+    ) -> Result<Response, Error> {
+        let Some(shown) = &run.step else {
+            return Ok(withdrawn().into_response());
+        };
         let study = self.study(run)?;
-        match run.state {
-            RunState::Active => self.step(token, run, &study, rejected).await,
-            RunState::Completed => self.thanks(token, run, &study).await,
-            RunState::Declined => Ok(declined(&study)),
-            RunState::Withdrawn => Ok(withdrawn().into_response()),
+        let step = study.step(&shown.plan)?;
+        match (run.state, step) {
+            (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
+            (RunState::Declined, _) => declined(&study),
+            (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
+                self.thanks(token, run, &study).await
+            }
+            (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
+                run: self.link(token, run, shown),
+                text,
+                errors: rejected.errors,
+            }
+            .into_response()),
+            (RunState::Active, Step::Info(text)) => Ok(InfoPage {
+                run: self.link(token, run, shown),
+                scene: scene(text.scene),
+                text,
+            }
+            .into_response()),
+            (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {
+                run: self.link(token, run, shown),
+                scene: scene(question.scene),
+                clock: PageClock::of(shown, self.store.clock().now()),
+                question,
+                errors: rejected.errors,
+            }
+            .into_response()),
+            (RunState::Active, Step::Form(text)) => {
+                Ok(FormPage::new(self.link(token, run, shown), text, &rejected).into_response())
+            }
         }
     }
 
-    async fn step(&self, token: &Token, run: &RunView, study: &Study, rejected: Rejected) -> Result<Response, Error> {
-        let shown = self.store.look(run).await?;
-        let step = study.step(&shown.plan).map_err(Error::internal)?;
-        let clock = shown.clock.map(|clock| PageClock::at(clock, self.store.clock().now()));
-        let link = RunLink {
+    /// What a form needs to know of its run, with a new idempotency key.
+    fn link<'a>(&self, token: &'a Token, run: &RunView, shown: &'a StepView) -> RunLink<'a> {
+        RunLink {
             token,
             is_owner: run.is_owner,
             position: shown.position,
             key: HEXLOWER.encode(&self.chance.bytes()[..16]),
             plan: &shown.plan,
-        };
-        Ok(step_page(link, step, clock, rejected))
+        }
     }
 
     /// The code is shown only after the stored answers were counted, and only to the link that started the run.
     async fn thanks(&self, token: &Token, run: &RunView, study: &Study) -> Result<Response, Error> {
         let completion = study.completion();
+        let stored = self.store.stored_count(run.run).await?;
+        if !stored.is_complete() {
+            return Err(Error::Internal(anyhow::anyhow!(
+                "run {} is complete but has {} answers for {} steps",
+                run.run,
+                stored.answers,
+                stored.steps
+            )));
+        }
         let outcome = if run.is_owner {
-            let stored = self.store.stored_count(run.run).await?;
             let code = match &completion.code {
                 CompletionCode::Fixed(code) => code.clone(),
                 CompletionCode::PerRun => self.store.completion_code(run.run),
             };
-            Outcome::Finished { redirect: completion.redirect_url(&code), code, stored }
+            Outcome::Finished {
+                redirect: completion.redirect_url(&code),
+                code,
+                stored: stored.answers,
+            }
         } else {
             Outcome::AlreadyTaken
         };
-        Ok(ThanksPage { token, completion, outcome }.into_response())
+        Ok(ThanksPage {
+            token,
+            completion,
+            outcome,
+        }
+        .into_response())
     }
+}
+
+/// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.
+fn declined(study: &Study) -> Result<Response, Error> {
+    let page = study.declined_page().ok_or(Error::NotFound("run"))?;
+    Ok(NotePage {
+        title: page.title.to_owned(),
+        text_html: page.text_html.to_owned(),
+    }
+    .into_response())
 }

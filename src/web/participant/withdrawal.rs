@@ -15,7 +15,10 @@ use crate::{
 };
 
 /// GET `/r/TOKEN/withdraw`: asks whether it is meant.
-pub(super) async fn ask(State(store): State<Store>, Path(token): Path<String>) -> Result<Response, Error> {
+pub(super) async fn ask(
+    State(store): State<Store>,
+    Path(token): Path<String>,
+) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = store.run(&token).await?;
     if !run.is_owner {
@@ -23,12 +26,17 @@ pub(super) async fn ask(State(store): State<Store>, Path(token): Path<String>) -
     }
     Ok(match run.state {
         RunState::Withdrawn => withdrawn().into_response(),
-        RunState::Active | RunState::Completed | RunState::Declined => WithdrawPage { token }.into_response(),
+        RunState::Active | RunState::Completed | RunState::Declined => {
+            WithdrawPage { token }.into_response()
+        }
     })
 }
 
 /// POST `/r/TOKEN/withdraw`: erases the run.
-pub(super) async fn withdraw(State(store): State<Store>, Path(token): Path<String>) -> Result<Redirect, Error> {
+pub(super) async fn withdraw(
+    State(store): State<Store>,
+    Path(token): Path<String>,
+) -> Result<Redirect, Error> {
     let token = read_token(&token)?;
     if !store.run(&token).await?.is_owner {
         return Err(not_the_owner());
@@ -41,7 +49,8 @@ pub(super) async fn withdraw(State(store): State<Store>, Path(token): Path<Strin
 pub(super) fn withdrawn() -> NotePage {
     NotePage {
         title: "Your answers are erased".to_owned(),
-        text_html: "<p>Nothing that you answered is stored any more. You can close this page.</p>".to_owned(),
+        text_html: "<p>Nothing that you answered is stored any more. You can close this page.</p>"
+            .to_owned(),
     }
 }
 

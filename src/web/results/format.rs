@@ -1,7 +1,5 @@
 //! Numbers as pages show them; static/js/figures/format.mjs writes the same.
 
-use jiff::tz::TimeZone;
-
 use crate::study::Timestamp;
 
 const NONE: &str = "–";
@@ -56,11 +54,6 @@ pub(super) fn mean_sd(mean: Option<f64>, sd: Option<f64>, digits: usize) -> Stri
 /// A point in time for programs.
 pub(in crate::web) fn rfc3339(at: Timestamp) -> String {
     moment(at).to_string()
-}
-
-/// A point in time for people.
-pub(super) fn minute(at: Timestamp) -> String {
-    moment(at).to_zoned(TimeZone::UTC).strftime("%Y-%m-%d %H:%M UTC").to_string()
 }
 
 fn moment(at: Timestamp) -> jiff::Timestamp {

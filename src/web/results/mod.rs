@@ -45,7 +45,7 @@ pub(super) async fn snapshot(
     settings: &Settings,
     study: &StudyId,
 ) -> Result<Snapshot, Error> {
-    Snapshot::read(store, catalogue, settings.population, study).await?.ok_or(Error::NotFound("this study"))
+    Snapshot::read(store, catalogue, settings.population, study).await?.ok_or(Error::NotFound("study"))
 }
 
 /// The plan with this id, or the finest one.

@@ -129,7 +129,7 @@ pub(super) fn ln_kl(accuracy: &Accuracy) -> Table {
                 decimal(score.and_then(|score| score.median), 2),
                 interval(score.and_then(|score| score.q5), score.and_then(|score| score.q95), 2),
                 score.map_or_else(|| "–".to_owned(), |score| count(score.zeros as u64)),
-                if cell.unanimous { "–".to_owned() } else { decimal(Some(cell.reference), 2) },
+                decimal(cell.reference, 2),
             ]);
         }
     }
