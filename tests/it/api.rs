@@ -76,7 +76,7 @@ async fn every_error_is_a_problem_document() {
 async fn answers_page_by_cursor_and_the_exports_hold_the_same_rows() {
     let app = App::start().await;
     let catalogue = catalogue(&app).await;
-    drives(&app.store, &catalogue, 2, 1).await;
+    drives(&app.store, &catalogue, 0..2, 1).await;
     completes(&app.store, &catalogue, &"driving".into(), 99, Some("=cmd"), |_, actions| actions[0].clone()).await;
 
     let mut paged = Vec::new();
@@ -143,8 +143,8 @@ async fn events_tell_of_fits_and_a_fit_then_predicts() {
     let first = String::from_utf8(first.to_vec()).unwrap();
     assert!(first.contains("event: version") && first.contains(r#""data_version":0"#), "{first}");
 
-    drives(&app.store, &catalogue, 4, 3).await;
-    let _background = Background::start(&app.store, catalogue.clone()).await;
+    drives(&app.store, &catalogue, 0..4, 3).await;
+    let _background = Background::start(&app.store, &catalogue);
     let is_fitted = async || {
         let fits = json_of(&app, "/api/v1/studies/driving/fits").await;
         fits["fits"].as_array().unwrap().iter().all(|fit| fit["state"] == "converged" && fit["is_behind"] == false)

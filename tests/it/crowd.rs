@@ -1,5 +1,7 @@
 //! Many people at once, straight through the store: the rules of a run hold, HTTP is left out.
 
+use std::{ops::Range, sync::Arc};
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::{
@@ -7,7 +9,6 @@ use riskaware::{
     store::{Change, NewArrival, NewRun, Population, Store, Submission, Token, draw_run},
     study::{ActionId, Reply, Step, StudyId, TimeFactor, step::ClientTiming},
 };
-use std::sync::Arc;
 use tokio::sync::broadcast::error::RecvError;
 use tokio_util::sync::CancellationToken;
 
@@ -55,9 +56,10 @@ pub async fn completes(
     }
 }
 
-/// `stopping` of `n` people stop in every cell, the others accelerate; outside the design everybody takes the first action.
-pub async fn drives(store: &Store, catalogue: &Catalogue, n: u64, stopping: u64) {
-    for person in 0..n {
+/// These people complete the driving study; those numbered below `stopping` stop in every cell, the others accelerate.
+/// Outside the design everybody takes the first action.
+pub async fn drives(store: &Store, catalogue: &Catalogue, people: Range<u64>, stopping: u64) {
+    for person in people {
         let action = if person < stopping { "stop" } else { "accelerate" };
         completes(store, catalogue, &"driving".into(), person, None, |cell, actions| match cell {
             Some(_) => action.into(),
@@ -68,22 +70,19 @@ pub async fn drives(store: &Store, catalogue: &Catalogue, n: u64, stopping: u64)
 }
 
 /// The background work of a server, ended when dropped.
-pub struct Background {
-    pub catalogue: Arc<Catalogue>,
-    stop: CancellationToken,
-}
+pub struct Background(CancellationToken);
 
 impl Background {
-    pub async fn start(store: &Store, catalogue: Arc<Catalogue>) -> Self {
+    pub fn start(store: &Store, catalogue: &Arc<Catalogue>) -> Self {
         let stop = CancellationToken::new();
-        tokio::spawn(jobs::start(store, &catalogue, Population::People, &stop));
-        Self { catalogue, stop }
+        tokio::spawn(jobs::start(store, catalogue, Population::People, &stop));
+        Self(stop)
     }
 }
 
 impl Drop for Background {
     fn drop(&mut self) {
-        self.stop.cancel();
+        self.0.cancel();
     }
 }
 

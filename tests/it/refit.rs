@@ -46,8 +46,8 @@ fn near(value: &Value, expected: f64, tolerance: f64) {
 async fn thirty_people_of_whom_25_stop_give_the_expected_ln_kl() {
     let app = App::start().await;
     let catalogue = catalogue(&app).await;
-    drives(&app.store, &catalogue, 30, 25).await;
-    let _background = Background::start(&app.store, catalogue.clone()).await;
+    drives(&app.store, &catalogue, 0..30, 25).await;
+    let _background = Background::start(&app.store, &catalogue);
     all_fitted(&app, &catalogue).await;
 
     let snapshot = snapshot(&app, &catalogue).await;
@@ -86,15 +86,15 @@ async fn parts_without_answers_wait_and_a_restart_fits_nothing_again() {
     let before = snapshot(&app, &catalogue).await;
     assert!(before.fits.iter().all(|part| part.state == PartState::Waiting));
 
-    drives(&app.store, &catalogue, 3, 2).await;
-    let background = Background::start(&app.store, catalogue.clone()).await;
+    drives(&app.store, &catalogue, 0..3, 2).await;
+    let background = Background::start(&app.store, &catalogue);
     all_fitted(&app, &catalogue).await;
     drop(background);
     let first = snapshot(&app, &catalogue).await;
 
     // A second worker finds nothing behind until somebody answers.
-    let _again = Background::start(&app.store, catalogue.clone()).await;
-    drives(&app.store, &catalogue, 1, 1).await;
+    let _again = Background::start(&app.store, &catalogue);
+    drives(&app.store, &catalogue, 3..4, 4).await;
     all_fitted(&app, &catalogue).await;
     let second = snapshot(&app, &catalogue).await;
     let history = app.store.fit_history(&"driving".into(), Population::People, None, 500).await.unwrap();
