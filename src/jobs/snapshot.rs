@@ -161,7 +161,7 @@ impl Snapshot {
 
 impl PartFit {
     fn new(study: &Study, input: &FitInput, fit: Option<Fit>) -> Self {
-        let report = fit.as_ref().and_then(|fit| FitReport::read(fit)).map(Arc::new);
+        let report = fit.as_ref().and_then(FitReport::read).map(Arc::new);
         // A fit of other problems (the study file was changed) says nothing about the ones asked now.
         let is_of_these_problems = report.as_ref().is_none_or(|report| report.problems == input.problems());
         let (fit, report) = if is_of_these_problems { (fit, report) } else { (None, None) };

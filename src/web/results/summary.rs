@@ -295,7 +295,7 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
 fn predicted(snapshot: &Snapshot, cell: &Cell, model: &str) -> Option<OrderedMap<Share>> {
     let plan = snapshot.finest_plan();
     let part = snapshot.fits.iter().find(|part| {
-        part.plan == plan.id && part.model.id == model && part.cells.iter().any(|known| *known == cell.id)
+        part.plan == plan.id && part.model.id == model && part.cells.contains(&cell.id)
     })?;
     let shares = part.converged()?.summary.predicted.as_ref()?.get(cell.id.as_str())?;
     Some(
