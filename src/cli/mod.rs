@@ -1,7 +1,11 @@
 //! The commands of the `riskaware` binary.
 
+mod choice_files;
 mod demo;
+mod fit;
+mod fit_table;
 mod health;
+mod predict;
 mod serve;
 pub mod simulation;
 
@@ -45,6 +49,10 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Run the server on a temporary database with simulated people arriving
     Demo(demo::DemoArgs),
+    /// Fit models to choices in a CSV file
+    Fit(fit::Arguments),
+    /// Read choice problems line by line and write choice probabilities
+    Predict(predict::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -87,6 +95,8 @@ impl Command {
         match self {
             Self::Serve(args) => block_on(serve::run(args)),
             Self::Demo(args) => block_on(demo::run(args)),
+            Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

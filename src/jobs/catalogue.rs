@@ -32,11 +32,17 @@ impl Catalogue {
     ///
     /// # Errors
     /// When a file is refused, or the database fails.
-    pub async fn publish(store: &Store, files: Vec<(String, String)>) -> Result<Self, CatalogueError> {
+    pub async fn publish(
+        store: &Store,
+        files: Vec<(String, String)>,
+    ) -> Result<Self, CatalogueError> {
         let mut studies: Vec<Study> = Vec::new();
         for (file, text) in files {
             let study = Study::parse(&file, &text)?;
-            match studies.iter_mut().find(|earlier| earlier.id() == study.id()) {
+            match studies
+                .iter_mut()
+                .find(|earlier| earlier.id() == study.id())
+            {
                 Some(earlier) => {
                     tracing::info!(study = %study.id(), file, "this file replaces an earlier one of the same study");
                     *earlier = study;
@@ -44,9 +50,14 @@ impl Catalogue {
                 None => studies.push(study),
             }
         }
-        let mut catalogue = Self { current: Vec::new(), versions: HashMap::new() };
+        let mut catalogue = Self {
+            current: Vec::new(),
+            versions: HashMap::new(),
+        };
         for study in studies {
-            let version = store.publish(study.id(), study.hash(), study.text()).await?;
+            let version = store
+                .publish(study.id(), study.hash(), study.text())
+                .await?;
             catalogue.add_earlier(store, &study, version).await?;
             let study = Arc::new(study);
             catalogue.versions.insert(version, study.clone());
@@ -55,17 +66,27 @@ impl Catalogue {
         Ok(catalogue)
     }
 
-    async fn add_earlier(&mut self, store: &Store, study: &Study, current: VersionId) -> Result<(), CatalogueError> {
+    async fn add_earlier(
+        &mut self,
+        store: &Store,
+        study: &Study,
+        current: VersionId,
+    ) -> Result<(), CatalogueError> {
         for stored in store.study_versions(study.id()).await? {
             if stored.id == current {
                 continue;
             }
-            match Study::parse(&format!("version {} of {}", stored.id, study.id()), &stored.text) {
+            match Study::parse(
+                &format!("version {} of {}", stored.id, study.id()),
+                &stored.text,
+            ) {
                 Ok(earlier) => {
                     self.versions.insert(stored.id, Arc::new(earlier));
                 }
                 // An old text that a newer program no longer reads must not keep the new one from being served.
-                Err(error) => tracing::warn!(%error, "a stored study version is not readable any more"),
+                Err(error) => {
+                    tracing::warn!(%error, "a stored study version is not readable any more")
+                }
             }
         }
         Ok(())
@@ -73,7 +94,10 @@ impl Catalogue {
 
     /// The version of a study that new runs get.
     pub fn current(&self, id: &StudyId) -> Option<(VersionId, Arc<Study>)> {
-        self.current.iter().find(|(_, study)| study.id() == id).cloned()
+        self.current
+            .iter()
+            .find(|(_, study)| study.id() == id)
+            .cloned()
     }
 
     /// One version of one study, for runs that began with it.

@@ -42,7 +42,8 @@ impl StudyCounts {
             .cells()
             .iter()
             .map(|cell| {
-                let actions: Vec<&ActionId> = cell.actions.iter().map(|action| &action.id).collect();
+                let actions: Vec<&ActionId> =
+                    cell.actions.iter().map(|action| &action.id).collect();
                 let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
                 count(analysis_set(study), &asked, &actions, stored)
             })
@@ -54,7 +55,12 @@ impl StudyCounts {
                 let name = format!("{}:{}", question.block, question.question);
                 let actions: Vec<ActionId> = question.problem.names().map(ActionId::from).collect();
                 let asked = AskedProblem::new(name, Some(&question.problem));
-                count(analysis_set(study), &asked, &actions.iter().collect::<Vec<_>>(), stored)
+                count(
+                    analysis_set(study),
+                    &asked,
+                    &actions.iter().collect::<Vec<_>>(),
+                    stored,
+                )
             })
             .collect();
         Self { cells, baseline }
@@ -69,13 +75,27 @@ pub(super) fn analysis_set(study: &Study) -> AnalysisSet {
     }
 }
 
-fn count(set: AnalysisSet, asked: &AskedProblem, actions: &[&ActionId], stored: &[CellCount]) -> QuestionCounts {
-    let mut counts = QuestionCounts { actions: vec![0; actions.len()], ..QuestionCounts::default() };
-    for row in stored.iter().filter(|row| row.cell == asked.cell && row.hash == asked.hash) {
+fn count(
+    set: AnalysisSet,
+    asked: &AskedProblem,
+    actions: &[&ActionId],
+    stored: &[CellCount],
+) -> QuestionCounts {
+    let mut counts = QuestionCounts {
+        actions: vec![0; actions.len()],
+        ..QuestionCounts::default()
+    };
+    for row in stored
+        .iter()
+        .filter(|row| row.cell == asked.cell && row.hash == asked.hash)
+    {
         let n = row.n(set);
         match row.status {
             AnswerStatus::Answered => {
-                if let Some(position) = actions.iter().position(|action| Some(*action) == row.action.as_ref()) {
+                if let Some(position) = actions
+                    .iter()
+                    .position(|action| Some(*action) == row.action.as_ref())
+                {
                     counts.actions[position] += n;
                     counts.before_exclusions += row.n_all;
                 }

@@ -5,7 +5,9 @@ use sha2::{Digest, Sha256};
 
 use super::StudyCounts;
 use crate::{
-    inference::{ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR},
+    inference::{
+        ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR,
+    },
     model::{ChoiceModel, ChoiceProblem, MODELS, OrderedMap},
     store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
@@ -65,14 +67,23 @@ impl FitInput {
         model: &'static ChoiceModel,
         counts: &StudyCounts,
     ) -> Option<Self> {
-        let cells = part.cells.iter().map(|&index| (&study.cells()[index], &counts.cells[index]));
+        let cells = part
+            .cells
+            .iter()
+            .map(|&index| (&study.cells()[index], &counts.cells[index]));
         let (problems, counts): (Vec<_>, Vec<_>) = cells
             .filter_map(|(cell, counts)| {
-                let problem = FittedProblem { id: cell.id.to_string(), problem: cell.problem.clone()? };
+                let problem = FittedProblem {
+                    id: cell.id.to_string(),
+                    problem: cell.problem.clone()?,
+                };
                 Some((problem, counts.actions.clone()))
             })
             .unzip();
-        let cells = problems.iter().map(|problem| CellId::from(problem.id.as_str())).collect();
+        let cells = problems
+            .iter()
+            .map(|problem| CellId::from(problem.id.as_str()))
+            .collect();
         let data = ChoiceData::from_counts(problems, counts).ok()?;
         let mut input = Self {
             plan: plan.clone(),
@@ -90,12 +101,20 @@ impl FitInput {
 
     /// The problems with their names, in order.
     pub(super) fn problems(&self) -> OrderedMap<ChoiceProblem> {
-        self.data.problems().iter().map(|problem| (problem.id.clone(), problem.problem.clone())).collect()
+        self.data
+            .problems()
+            .iter()
+            .map(|problem| (problem.id.clone(), problem.problem.clone()))
+            .collect()
     }
 
     /// Under what it is stored.
     pub(super) fn key(&self) -> FitKey {
-        FitKey { plan: self.plan.clone(), part: self.part.clone(), model: self.model.id.to_owned() }
+        FitKey {
+            plan: self.plan.clone(),
+            part: self.part.clone(),
+            model: self.model.id.to_owned(),
+        }
     }
 
     /// Whether a stored fit is one of this part and model, of whatever answers.
@@ -122,9 +141,18 @@ impl FitInput {
 
 /// The first 53 bits of SHA-256 over the names: a seed that every reader of JSON shows exactly.
 fn seed(study: &StudyId, plan: &PlanId, part: &PartId, model: &ChoiceModel) -> u64 {
-    let names = [SEED_SPACE, study.as_str(), plan.as_str(), part.as_str(), model.id];
+    let names = [
+        SEED_SPACE,
+        study.as_str(),
+        plan.as_str(),
+        part.as_str(),
+        model.id,
+    ];
     let hash = Sha256::digest(names.join("\0"));
-    let first = hash.iter().take(8).fold(0_u64, |number, &byte| number << 8 | u64::from(byte));
+    let first = hash
+        .iter()
+        .take(8)
+        .fold(0_u64, |number, &byte| number << 8 | u64::from(byte));
     first >> 11
 }
 
@@ -146,7 +174,9 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
         match change {
             None => {}
             Some(PriorChange::Uniform { low, high }) => *prior = Prior::Uniform { low, high },
-            Some(PriorChange::LogNormal { median, log_sd }) => *prior = Prior::LogNormal { median, log_sd },
+            Some(PriorChange::LogNormal { median, log_sd }) => {
+                *prior = Prior::LogNormal { median, log_sd }
+            }
         }
     }
     FitSettings {
@@ -171,10 +201,18 @@ mod tests {
 
     fn counts(study: &Study, of_cell: impl Fn(usize) -> u64) -> StudyCounts {
         let cells = study.cells().iter().enumerate().map(|(index, cell)| {
-            let actions = (0..cell.actions.len()).map(|action| of_cell(index) * action as u64).collect();
-            QuestionCounts { actions, ..QuestionCounts::default() }
+            let actions = (0..cell.actions.len())
+                .map(|action| of_cell(index) * action as u64)
+                .collect();
+            QuestionCounts {
+                actions,
+                ..QuestionCounts::default()
+            }
         });
-        StudyCounts { cells: cells.collect(), baseline: Vec::new() }
+        StudyCounts {
+            cells: cells.collect(),
+            baseline: Vec::new(),
+        }
     }
 
     #[test]
@@ -182,11 +220,20 @@ mod tests {
         let study = driving();
         let before = FitInput::all(&study, &counts(&study, |_| 5));
         let changed = study.cells().iter().position(|cell| cell.fitted).unwrap();
-        let after = FitInput::all(&study, &counts(&study, |index| if index == changed { 6 } else { 5 }));
+        let after = FitInput::all(
+            &study,
+            &counts(&study, |index| if index == changed { 6 } else { 5 }),
+        );
         let mut moved = 0;
         for (before, after) in before.iter().zip(&after) {
             let has_cell = before.cells.contains(&study.cells()[changed].id);
-            assert_eq!(before.hash != after.hash, has_cell, "{} {}", before.plan, before.part);
+            assert_eq!(
+                before.hash != after.hash,
+                has_cell,
+                "{} {}",
+                before.plan,
+                before.part
+            );
             assert_eq!(before.settings.seed, after.settings.seed);
             moved += usize::from(has_cell);
         }
@@ -197,7 +244,8 @@ mod tests {
     fn each_fit_has_a_seed_of_its_own() {
         let study = driving();
         let inputs = FitInput::all(&study, &counts(&study, |_| 1));
-        let seeds: std::collections::BTreeSet<u64> = inputs.iter().map(|input| input.settings.seed).collect();
+        let seeds: std::collections::BTreeSet<u64> =
+            inputs.iter().map(|input| input.settings.seed).collect();
         assert_eq!(seeds.len(), inputs.len());
         assert!(seeds.iter().all(|&seed| seed < 1 << 53));
     }

@@ -39,9 +39,22 @@ impl FitReport {
             problems: input.problems(),
             counts: input.data.totals().to_vec(),
             summary: fit.summary.shown(),
-            accuracy: if is_converged { fit.accuracy.clone() } else { Vec::new() },
-            curves: if is_converged { curves(input.data.problems(), &[fit]) } else { None },
-            quantities: fit.draws.columns.iter().map(|(quantity, _)| *quantity).collect(),
+            accuracy: if is_converged {
+                fit.accuracy.clone()
+            } else {
+                Vec::new()
+            },
+            curves: if is_converged {
+                curves(input.data.problems(), &[fit])
+            } else {
+                None
+            },
+            quantities: fit
+                .draws
+                .columns
+                .iter()
+                .map(|(quantity, _)| *quantity)
+                .collect(),
         }
     }
 
@@ -69,20 +82,33 @@ impl FitReport {
         if !rest.is_empty() || length == 0 || bytes.len() != length * self.quantities.len() {
             return None;
         }
-        let values: Vec<f64> = bytes.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-        let columns =
-            self.quantities.iter().copied().zip(values.chunks_exact(length).map(<[f64]>::to_vec)).collect();
-        Some(Draws { chains, per_chain, columns })
+        let values: Vec<f64> = bytes
+            .iter()
+            .map(|bytes| f64::from_le_bytes(*bytes))
+            .collect();
+        let columns = self
+            .quantities
+            .iter()
+            .copied()
+            .zip(values.chunks_exact(length).map(<[f64]>::to_vec))
+            .collect();
+        Some(Draws {
+            chains,
+            per_chain,
+            columns,
+        })
     }
 
     /// The largest R̂ over parameters and predictions; `None` where nothing moved.
     pub fn rhat_max(&self) -> Option<f64> {
-        self.diagnostics(|quantity| quantity.rhat).max_by(f64::total_cmp)
+        self.diagnostics(|quantity| quantity.rhat)
+            .max_by(f64::total_cmp)
     }
 
     /// The smallest effective sample size, bulk or tail, over parameters and predictions.
     pub fn ess_min(&self) -> Option<f64> {
-        self.diagnostics(|quantity| quantity.ess_bulk.min(quantity.ess_tail)).min_by(f64::total_cmp)
+        self.diagnostics(|quantity| quantity.ess_bulk.min(quantity.ess_tail))
+            .min_by(f64::total_cmp)
     }
 
     fn diagnostics(
@@ -90,12 +116,21 @@ impl FitReport {
         of: impl Fn(&crate::inference::QuantityDiagnostics) -> f64,
     ) -> impl Iterator<Item = f64> {
         let diagnostics = &self.summary.diagnostics;
-        let all = diagnostics.parameters.iter().chain(diagnostics.predicted.iter());
-        all.map(move |(_, quantity)| of(quantity)).filter(|value| value.is_finite())
+        let all = diagnostics
+            .parameters
+            .iter()
+            .chain(diagnostics.predicted.iter());
+        all.map(move |(_, quantity)| of(quantity))
+            .filter(|value| value.is_finite())
     }
 }
 
 /// Draws as little-endian numbers, column after column.
 pub(super) fn blob(draws: &Draws) -> Vec<u8> {
-    draws.columns.iter().flat_map(|(_, values)| values).flat_map(|value| value.to_le_bytes()).collect()
+    draws
+        .columns
+        .iter()
+        .flat_map(|(_, values)| values)
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
 }

@@ -38,7 +38,12 @@ pub fn start(
     population: Population,
     stop: &CancellationToken,
 ) -> impl Future<Output = ()> + use<> {
-    let refits = tokio::spawn(refit::run(store.clone(), catalogue.clone(), population, stop.clone()));
+    let refits = tokio::spawn(refit::run(
+        store.clone(),
+        catalogue.clone(),
+        population,
+        stop.clone(),
+    ));
     let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
     async move {
         for (task, ended) in [("refits", refits.await), ("closing", closing.await)] {

@@ -12,11 +12,7 @@ use std::{
 use tokio::sync::{broadcast::error::RecvError, mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    Catalogue, FitReport, StudyCounts,
-    fit_input::FitInput,
-    fit_report::blob,
-};
+use super::{Catalogue, FitReport, StudyCounts, fit_input::FitInput, fit_report::blob};
 use crate::{
     inference::{FitError, fit},
     store::{self, FitOutcome, FitState, NewFit, Population, Store},
@@ -34,7 +30,12 @@ const RETRY_PAUSE: Duration = Duration::from_secs(1);
 ///
 /// What is behind follows from input hashes, so nothing is lost by a restart. The counts are read anew before each fit:
 /// a hundred answers that arrive during one fit cause one fit more, not a hundred.
-pub async fn run(store: Store, catalogue: Arc<Catalogue>, population: Population, stop: CancellationToken) {
+pub async fn run(
+    store: Store,
+    catalogue: Arc<Catalogue>,
+    population: Population,
+    stop: CancellationToken,
+) {
     let mut changes = store.subscribe();
     let worker = match Worker::start(stop.clone()) {
         Ok(worker) => worker,
@@ -91,7 +92,9 @@ async fn refit_next(
     let mut due: Option<Due> = None;
     for study in catalogue.studies() {
         if let Some(found) = most_behind(store, study, population).await?
-            && due.as_ref().is_none_or(|due| found.fitted_at < due.fitted_at)
+            && due
+                .as_ref()
+                .is_none_or(|due| found.fitted_at < due.fitted_at)
         {
             due = Some(found);
         }
@@ -102,7 +105,13 @@ async fn refit_next(
     let Some((version, _)) = catalogue.current(due.study.id()) else {
         return Ok(Progress::Idle);
     };
-    let Due { study, input, data_version, attempts, .. } = due;
+    let Due {
+        study,
+        input,
+        data_version,
+        attempts,
+        ..
+    } = due;
     let input = Arc::new(input);
     // No answer means that the server is ending.
     let Some(finished) = worker.fit(input.clone()).await else {
@@ -142,24 +151,37 @@ struct Due {
     attempts: u32,
 }
 
-async fn most_behind(store: &Store, study: &Arc<Study>, population: Population) -> Result<Option<Due>, store::Error> {
+async fn most_behind(
+    store: &Store,
+    study: &Arc<Study>,
+    population: Population,
+) -> Result<Option<Due>, store::Error> {
     // The version first: a change in between makes the fit look older than it is, and it is looked at again.
     let data_version = store.totals(study.id(), population).await?.data_version;
     let counts = StudyCounts::new(study, &store.cell_counts(study.id(), population).await?);
     let latest = store.latest_fits(study.id(), population).await?;
-    let due = FitInput::all(study, &counts).into_iter().filter(|input| input.data.n() > 0).filter_map(|input| {
-        let fit = latest.iter().find(|fit| input.is_of(fit));
-        let attempts = match fit {
-            Some(fit) if fit.input_hash == input.hash => match fit.outcome.state() {
-                FitState::Converged | FitState::Unconverged => return None,
-                FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
-                FitState::Failed => fit.attempts + 1,
-            },
-            Some(_) | None => 1,
-        };
-        let fitted_at = fit.map(|fit| fit.data_version);
-        Some(Due { study: study.clone(), input, data_version, fitted_at, attempts })
-    });
+    let due = FitInput::all(study, &counts)
+        .into_iter()
+        .filter(|input| input.data.n() > 0)
+        .filter_map(|input| {
+            let fit = latest.iter().find(|fit| input.is_of(fit));
+            let attempts = match fit {
+                Some(fit) if fit.input_hash == input.hash => match fit.outcome.state() {
+                    FitState::Converged | FitState::Unconverged => return None,
+                    FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
+                    FitState::Failed => fit.attempts + 1,
+                },
+                Some(_) | None => 1,
+            };
+            let fitted_at = fit.map(|fit| fit.data_version);
+            Some(Due {
+                study: study.clone(),
+                input,
+                data_version,
+                fitted_at,
+                attempts,
+            })
+        });
     // The first of equally old ones: file order.
     Ok(due.min_by_key(|due| due.fitted_at))
 }
@@ -183,15 +205,17 @@ struct Finished {
 impl Worker {
     fn start(stop: CancellationToken) -> std::io::Result<Self> {
         let (jobs, mut queue) = mpsc::unbounded_channel::<Job>();
-        std::thread::Builder::new().name("refit".to_owned()).spawn(move || {
-            step_back();
-            while let Some(job) = queue.blocking_recv() {
-                if let Some(finished) = finish(&job.input, &stop) {
-                    // Nobody waits any more when the server ends.
-                    drop(job.done.send(finished));
+        std::thread::Builder::new()
+            .name("refit".to_owned())
+            .spawn(move || {
+                step_back();
+                while let Some(job) = queue.blocking_recv() {
+                    if let Some(finished) = finish(&job.input, &stop) {
+                        // Nobody waits any more when the server ends.
+                        drop(job.done.send(finished));
+                    }
                 }
-            }
-        })?;
+            })?;
         Ok(Self { jobs })
     }
 
@@ -220,7 +244,11 @@ fn finish(input: &FitInput, stop: &CancellationToken) -> Option<Finished> {
         Ok(Err(failure)) => (FitOutcome::Failed(failure.to_string()), None),
         Err(panic) => (FitOutcome::Failed(panic_message(panic.as_ref())), None),
     };
-    Some(Finished { outcome, draws, cpu_ms: processor_ms().saturating_sub(started) })
+    Some(Finished {
+        outcome,
+        draws,
+        cpu_ms: processor_ms().saturating_sub(started),
+    })
 }
 
 /// The processor time of this thread so far.
@@ -238,17 +266,32 @@ enum FitFailure {
     Report(#[from] serde_json::Error),
 }
 
-fn run_fit(input: &FitInput, stop: &CancellationToken) -> Result<(FitOutcome, Vec<u8>), FitFailure> {
-    let mut watch = |_| if stop.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+fn run_fit(
+    input: &FitInput,
+    stop: &CancellationToken,
+) -> Result<(FitOutcome, Vec<u8>), FitFailure> {
+    let mut watch = |_| {
+        if stop.is_cancelled() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    };
     let fit = fit(input.model, &input.data, &input.settings, &mut watch)?;
     let result = serde_json::to_string(&FitReport::new(input, &fit))?;
-    let outcome =
-        if fit.summary.converged { FitOutcome::Converged(result) } else { FitOutcome::Unconverged(result) };
+    let outcome = if fit.summary.converged {
+        FitOutcome::Converged(result)
+    } else {
+        FitOutcome::Unconverged(result)
+    };
     Ok((outcome, blob(&fit.draws)))
 }
 
 fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    format!("the program has a fault: {}", text.unwrap_or_else(|| "no message".to_owned()))
+    format!(
+        "the program has a fault: {}",
+        text.unwrap_or_else(|| "no message".to_owned())
+    )
 }

@@ -25,7 +25,10 @@ impl Version {
     /// The version from the two numbers of the store. What moves the page without moving the data is a fit, or a change of
     /// the study file, after which fits are read anew as well.
     pub fn new(data_version: i64, page_version: i64) -> Self {
-        Self { data_version, fit_version: page_version - data_version }
+        Self {
+            data_version,
+            fit_version: page_version - data_version,
+        }
     }
 }
 
@@ -130,7 +133,14 @@ impl Snapshot {
                 PartFit::new(&study, &input, fit)
             })
             .collect();
-        Ok(Some(Self { version: Version::from(&people), study, population, people, counts, fits }))
+        Ok(Some(Self {
+            version: Version::from(&people),
+            study,
+            population,
+            people,
+            counts,
+            fits,
+        }))
     }
 
     /// Whose answers the study analyses.
@@ -142,12 +152,20 @@ impl Snapshot {
     pub fn finest_plan(&self) -> &FitPlan {
         let plans = self.study.plans();
         // The first of those with equally many parts.
-        plans.iter().rev().max_by_key(|plan| plan.parts.len()).unwrap_or(&plans[0])
+        plans
+            .iter()
+            .rev()
+            .max_by_key(|plan| plan.parts.len())
+            .unwrap_or(&plans[0])
     }
 
     /// The ids of the fitted cells, in file order.
     pub fn fitted_cells(&self) -> impl Iterator<Item = &str> {
-        self.study.cells().iter().filter(|cell| cell.fitted).map(|cell| cell.id.as_str())
+        self.study
+            .cells()
+            .iter()
+            .filter(|cell| cell.fitted)
+            .map(|cell| cell.id.as_str())
     }
 
     /// How a plan's converged fit does on a cell.
@@ -155,7 +173,12 @@ impl Snapshot {
         self.fits
             .iter()
             .filter(|part| part.plan == *plan && part.model.id == model)
-            .find_map(|part| part.converged()?.accuracy.iter().find(|scored| scored.problem == cell))
+            .find_map(|part| {
+                part.converged()?
+                    .accuracy
+                    .iter()
+                    .find(|scored| scored.problem == cell)
+            })
     }
 }
 
@@ -163,9 +186,19 @@ impl PartFit {
     fn new(study: &Study, input: &FitInput, fit: Option<Fit>) -> Self {
         let report = fit.as_ref().and_then(FitReport::read).map(Arc::new);
         // A fit of other problems (the study file was changed) says nothing about the ones asked now.
-        let is_of_these_problems = report.as_ref().is_none_or(|report| report.problems == input.problems());
-        let (fit, report) = if is_of_these_problems { (fit, report) } else { (None, None) };
-        let plan_label = study.plans().iter().find(|plan| plan.id == input.plan).map(|plan| plan.label.clone());
+        let is_of_these_problems = report
+            .as_ref()
+            .is_none_or(|report| report.problems == input.problems());
+        let (fit, report) = if is_of_these_problems {
+            (fit, report)
+        } else {
+            (None, None)
+        };
+        let plan_label = study
+            .plans()
+            .iter()
+            .find(|plan| plan.id == input.plan)
+            .map(|plan| plan.label.clone());
         Self {
             plan: input.plan.clone(),
             plan_label: plan_label.unwrap_or_default(),
@@ -180,7 +213,8 @@ impl PartFit {
                 Some(FitState::Unconverged) => PartState::Unconverged,
                 Some(FitState::Failed) => PartState::Failed,
             },
-            is_behind: input.data.n() > 0 && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
+            is_behind: input.data.n() > 0
+                && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
             fit,
             report,
         }

@@ -2,7 +2,7 @@
 //!
 //! The check replays each run's events through the same rules that judged them first.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -140,50 +140,40 @@ impl Store {
         .fetch_all(&mut *transaction)
         .await?;
         let mut disagreements = compare(counted, stored, |row| {
-            (
-                row.0.clone(),
-                row.1,
-                format!("problem {} {} `{}`", row.2, row.3, row.4),
-                (row.5, row.6),
-            )
+            let what = format!("problem {} {} `{}`", row.2, row.3, row.4);
+            ((row.0.clone(), row.1, what), (row.5, row.6))
         });
         disagreements.extend(compare(counted_totals, stored_totals, |row| {
-            (
-                row.0.clone(),
-                row.1,
-                "totals".to_owned(),
-                (row.2, row.3, row.4, row.5),
-            )
+            let place = (row.0.clone(), row.1, "totals".to_owned());
+            (place, (row.2, row.3, row.4, row.5))
         }));
         Ok(disagreements)
     }
 }
 
+/// A count's study, population and name.
+type Place = (String, bool, String);
+
 /// Lists the places at which two sets of counts differ.
 fn compare<Row, N: PartialEq + std::fmt::Debug>(
     expected: Vec<Row>,
     found: Vec<Row>,
-    split: impl Fn(&Row) -> (String, bool, String, N),
+    split: impl Fn(&Row) -> (Place, N),
 ) -> Vec<Disagreement> {
-    let mut places: BTreeMap<(String, bool, String), (Option<N>, Option<N>)> = BTreeMap::new();
-    for row in &expected {
-        let (study, is_simulated, what, n) = split(row);
-        places.entry((study, is_simulated, what)).or_default().0 = Some(n);
-    }
-    for row in &found {
-        let (study, is_simulated, what, n) = split(row);
-        places.entry((study, is_simulated, what)).or_default().1 = Some(n);
-    }
+    let expected: BTreeMap<Place, N> = expected.iter().map(&split).collect();
+    let found: BTreeMap<Place, N> = found.iter().map(&split).collect();
+    let places: BTreeSet<&Place> = expected.keys().chain(found.keys()).collect();
     places
         .into_iter()
-        .filter(|(_, (expected, found))| expected != found)
-        .map(
-            |((study, is_simulated, what), (expected, found))| Disagreement {
+        .filter(|place| expected.get(*place) != found.get(*place))
+        .map(|place| {
+            let (study, is_simulated, what) = place;
+            Disagreement {
                 place: format!("{study}, simulated {is_simulated}: {what}"),
-                expected: format!("{expected:?}"),
-                found: format!("{found:?}"),
-            },
-        )
+                expected: format!("{:?}", expected.get(place)),
+                found: format!("{:?}", found.get(place)),
+            }
+        })
         .collect()
 }
 

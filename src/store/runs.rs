@@ -134,6 +134,15 @@ impl AskedProblem {
 }
 
 #[derive(sqlx::FromRow)]
+struct StepRow {
+    kind: String,
+    block: String,
+    question: Option<String>,
+    limit_ms: Option<i64>,
+    data: String,
+}
+
+#[derive(sqlx::FromRow)]
 struct RunRow {
     id: RunId,
     study_id: String,
@@ -245,7 +254,7 @@ impl Store {
     /// # Errors
     /// `NotFound` for a step that the run does not have.
     pub async fn step(&self, run: RunId, position: u32) -> Result<StepPlan, Error> {
-        let row: Option<(String, String, Option<String>, Option<i64>, String)> = sqlx::query_as(
+        let row: Option<StepRow> = sqlx::query_as(
             r#"
             select kind, block, question, limit_ms, data
             from step
@@ -256,8 +265,7 @@ impl Store {
         .bind(position)
         .fetch_optional(&self.pool)
         .await?;
-        let (kind, block, question, limit_ms, data) = row.ok_or(Error::NotFound("step"))?;
-        Ok(step_plan(&kind, block, question, limit_ms, &data)?)
+        Ok(row.ok_or(Error::NotFound("step"))?.plan()?)
     }
 
     /// Counts the stored answers of a run, for the page that shows its completion code.
@@ -295,7 +303,14 @@ impl RunRow {
         let factor = time_factor(self.time_factor)?;
         let step = match (self.kind, self.block, self.data) {
             (Some(kind), Some(block), Some(data)) => {
-                let plan = step_plan(&kind, block, self.question, self.limit_ms, &data)?;
+                let row = StepRow {
+                    kind,
+                    block,
+                    question: self.question,
+                    limit_ms: self.limit_ms,
+                    data,
+                };
+                let plan = row.plan()?;
                 let limit_ms = plan
                     .limit_ms
                     .map(|limit_ms| Deadline::new(limit_ms, factor, DEFAULT_GRACE_MS).limit_ms());
@@ -330,20 +345,19 @@ impl RunRow {
     }
 }
 
-fn step_plan(
-    kind: &str,
-    block: String,
-    question: Option<String>,
-    limit_ms: Option<i64>,
-    data: &str,
-) -> Result<StepPlan, sqlx::Error> {
-    Ok(StepPlan {
-        kind: step_kind(kind)?,
-        block: BlockId::from(block),
-        question: question.map(QuestionId::from),
-        limit_ms: limit_ms.and_then(|limit_ms| u64::try_from(limit_ms).ok()),
-        data: serde_json::from_str(data).map_err(|err| sqlx::Error::Decode(err.into()))?,
-    })
+impl StepRow {
+    fn plan(self) -> Result<StepPlan, sqlx::Error> {
+        Ok(StepPlan {
+            kind: step_kind(&self.kind)?,
+            block: BlockId::from(self.block),
+            question: self.question.map(QuestionId::from),
+            limit_ms: self
+                .limit_ms
+                .and_then(|limit_ms| u64::try_from(limit_ms).ok()),
+            data: serde_json::from_str(&self.data)
+                .map_err(|err| sqlx::Error::Decode(err.into()))?,
+        })
+    }
 }
 
 /// Removes arrivals from before `before` that started nothing.

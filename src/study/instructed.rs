@@ -26,7 +26,11 @@ impl Study {
                 continue;
             };
             for field in &form.fields {
-                if let FieldKind::Choice { expected: Some(expected), .. } = &field.kind {
+                if let FieldKind::Choice {
+                    expected: Some(expected),
+                    ..
+                } = &field.kind
+                {
                     items.push(InstructedItem {
                         block: block.id.clone(),
                         field: field.id.clone(),

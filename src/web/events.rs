@@ -51,9 +51,12 @@ pub(super) async fn stream(
                     () = stop.cancelled() => return,
                 };
                 match change {
-                    Ok(Change { study: changed, population: of, data_version, page_version })
-                        if changed == study && of == population =>
-                    {
+                    Ok(Change {
+                        study: changed,
+                        population: of,
+                        data_version,
+                        page_version,
+                    }) if changed == study && of == population => {
                         break Version::new(data_version, page_version);
                     }
                     Ok(_) => {}

@@ -90,9 +90,9 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .merge(results::router())
         .merge(api::router())
         .layer(middleware::from_fn_with_state(
-        (state.settings.clone(), address),
-        guard::results,
-    ));
+            (state.settings.clone(), address),
+            guard::results,
+        ));
     Router::new()
         .route("/healthz", get(health))
         .merge(home::router())

@@ -7,7 +7,7 @@ use riskaware::{
     chance::Chance,
     clock::Clock,
     jobs::Catalogue,
-    store::{Options, Population, Store},
+    store::{AnswerKey, AnswerRow, Options, Population, Store},
     study::{self, Timestamp},
     web::{self, AppState, Settings},
 };
@@ -38,33 +38,76 @@ impl App {
     pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("riskaware.db");
-        let store = Store::open(Options::at(&database), clock.clone()).await.unwrap();
+        let store = Store::open(Options::at(&database), clock.clone())
+            .await
+            .unwrap();
         let catalogue = Arc::new(Catalogue::publish(&store, studies).await.unwrap());
         let stop = CancellationToken::new();
         let state = AppState {
             store: store.clone(),
             catalogue,
             chance: Chance::from_seed(1),
-            settings: Arc::new(Settings { open_results: false, population: Population::People }),
+            settings: Arc::new(Settings {
+                open_results: false,
+                population: Population::People,
+            }),
             stop: stop.clone(),
         };
-        let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0))).await.unwrap();
+        let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0)))
+            .await
+            .unwrap();
         let url = format!("http://{}", listener.local_addr().unwrap());
         let shutdown = stop.clone().cancelled_owned();
         let server = tokio::spawn(web::serve(listener, state, shutdown));
-        Self { url, client: Client::new(), store, clock, database, stop, server, _folder: folder }
+        Self {
+            url,
+            client: Client::new(),
+            store,
+            clock,
+            database,
+            stop,
+            server,
+            _folder: folder,
+        }
     }
 
     /// Somebody who followed the study's link and pressed the button.
     pub async fn participant(&self, query: &str) -> Participant {
         let landing = self.get(&format!("/s/driving{query}")).await;
-        let action = landing.attribute("form", "action").expect("the landing page has a button");
-        let response = self.client.post(format!("{}{action}", self.url)).send().await.unwrap();
-        Participant { client: self.client.clone(), link: response.url().to_string(), page: Page::of(response).await }
+        let action = landing
+            .attribute("form", "action")
+            .expect("the landing page has a button");
+        let response = self
+            .client
+            .post(format!("{}{action}", self.url))
+            .send()
+            .await
+            .unwrap();
+        Participant {
+            client: self.client.clone(),
+            link: response.url().to_string(),
+            page: Page::of(response).await,
+        }
     }
 
     pub async fn get(&self, path: &str) -> Page {
-        Page::of(self.client.get(format!("{}{path}", self.url)).send().await.unwrap()).await
+        Page::of(
+            self.client
+                .get(format!("{}{path}", self.url))
+                .send()
+                .await
+                .unwrap(),
+        )
+        .await
+    }
+
+    /// All choices that are stored, practice included.
+    pub async fn answers(&self) -> Vec<AnswerRow> {
+        let study = "driving".into();
+        self.store
+            .answers(&study, Population::People, AnswerKey::START, 10_000)
+            .await
+            .unwrap()
     }
 
     /// Ends the server as a supervisor would.
@@ -76,7 +119,10 @@ impl App {
 }
 
 fn built_in() -> Vec<(String, String)> {
-    study::built_in().into_iter().map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
+    study::built_in()
+        .into_iter()
+        .map(|(name, text)| (name.to_owned(), text.to_owned()))
+        .collect()
 }
 
 /// An answer of the server with what a person sees in it.
@@ -88,29 +134,45 @@ pub struct Page {
 
 impl Page {
     pub async fn of(response: Response) -> Self {
-        Self { status: response.status(), html: response.text().await.unwrap() }
+        Self {
+            status: response.status(),
+            html: response.text().await.unwrap(),
+        }
     }
 
     pub fn attribute(&self, selector: &str, name: &str) -> Option<String> {
         let selector = Selector::parse(selector).unwrap();
-        Html::parse_document(&self.html).select(&selector).next()?.attr(name).map(str::to_owned)
+        Html::parse_document(&self.html)
+            .select(&selector)
+            .next()?
+            .attr(name)
+            .map(str::to_owned)
     }
 
     pub fn text(&self, selector: &str) -> Option<String> {
         let selector = Selector::parse(selector).unwrap();
-        let text: String = Html::parse_document(&self.html).select(&selector).next()?.text().collect();
+        let text: String = Html::parse_document(&self.html)
+            .select(&selector)
+            .next()?
+            .text()
+            .collect();
         Some(text.trim().to_owned())
     }
 
     pub fn field(&self, name: &str) -> String {
-        self.attribute(&format!("input[name={name}]"), "value").unwrap_or_default()
+        self.attribute(&format!("input[name={name}]"), "value")
+            .unwrap_or_default()
     }
 
     /// The values of the buttons with this name.
     pub fn buttons(&self, name: &str) -> Vec<String> {
         let selector = Selector::parse(&format!("button[name={name}]")).unwrap();
         let document = Html::parse_document(&self.html);
-        document.select(&selector).filter_map(|button| button.attr("value")).map(str::to_owned).collect()
+        document
+            .select(&selector)
+            .filter_map(|button| button.attr("value"))
+            .map(str::to_owned)
+            .collect()
     }
 }
 
@@ -132,8 +194,17 @@ impl Participant {
 
     /// Sends the form of any page, such as an old one, without looking at what follows.
     pub async fn posts(&self, page: &Page, name: &str, value: &str) -> Response {
-        let form = [("step", page.field("step")), ("key", page.field("key")), (name, value.to_owned())];
-        self.client.post(&self.link).form(&form).send().await.unwrap()
+        let form = [
+            ("step", page.field("step")),
+            ("key", page.field("key")),
+            (name, value.to_owned()),
+        ];
+        self.client
+            .post(&self.link)
+            .form(&form)
+            .send()
+            .await
+            .unwrap()
     }
 
     pub async fn reloads(&mut self) -> &Page {
@@ -145,15 +216,22 @@ impl Participant {
         self.page.attribute("form.choice", "data-block")
     }
 
-    /// Agrees, goes on, and chooses `action` wherever something is asked, until `here` says so.
+    /// Agrees, goes on, and chooses `action` wherever it is offered, until `here` says so.
     pub async fn proceeds(&mut self, action: &str, here: impl Fn(&Self) -> bool) {
         for _ in 0..100 {
             if here(self) {
                 return;
             }
             if self.page.buttons("consent").is_empty() {
-                let name = if self.page.buttons("action").is_empty() { "continue" } else { "action" };
-                let value = if name == "action" { action } else { "1" };
+                let offered = self.page.buttons("action");
+                let (name, value) = match offered
+                    .iter()
+                    .find(|offer| *offer == action)
+                    .or(offered.first())
+                {
+                    Some(offer) => ("action", offer.as_str()),
+                    None => ("continue", "1"),
+                };
                 self.sends(name, value).await;
             } else {
                 self.sends("consent", "agree").await;
@@ -164,6 +242,9 @@ impl Participant {
     }
 
     pub async fn finishes(&mut self, action: &str) {
-        self.proceeds(action, |person| person.page.text(".completion__code").is_some()).await;
+        self.proceeds(action, |person| {
+            person.page.text(".completion__code").is_some()
+        })
+        .await;
     }
 }

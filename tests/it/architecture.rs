@@ -15,14 +15,20 @@ struct Rule {
 /// The rows of the table under "What must not be imported".
 fn rules() -> Vec<Rule> {
     let text = fs::read_to_string(Path::new(ROOT).join("ARCHITECTURE.md")).unwrap();
-    let section = text.split("## What must not be imported").nth(1).expect("the section stands");
+    let section = text
+        .split("## What must not be imported")
+        .nth(1)
+        .expect("the section stands");
     let section = section.split("\n## ").next().unwrap();
     section
         .lines()
         .filter(|line| line.starts_with("| `src/"))
         .map(|line| {
             let mut words = line.split('`').skip(1).step_by(2).map(str::to_owned);
-            Rule { source: words.next().unwrap(), forbidden: words.collect() }
+            Rule {
+                source: words.next().unwrap(),
+                forbidden: words.collect(),
+            }
         })
         .collect()
 }
@@ -66,9 +72,17 @@ fn violations(rule: &Rule, file: &Path) -> Vec<String> {
         .enumerate()
         .filter(|(_, line)| !line.trim_start().starts_with("//"))
         .flat_map(|(number, line)| {
-            rule.forbidden.iter().filter(|word| names(line, word)).map(move |word| {
-                format!("{}:{}: {} must not name {word}", file.display(), number + 1, rule.source)
-            })
+            rule.forbidden
+                .iter()
+                .filter(|word| names(line, word))
+                .map(move |word| {
+                    format!(
+                        "{}:{}: {} must not name {word}",
+                        file.display(),
+                        number + 1,
+                        rule.source
+                    )
+                })
         })
         .collect()
 }
@@ -76,11 +90,18 @@ fn violations(rule: &Rule, file: &Path) -> Vec<String> {
 #[test]
 fn layers_point_one_way() {
     let rules = rules();
-    assert!(rules.len() >= 8, "the table of ARCHITECTURE.md was not found");
+    assert!(
+        rules.len() >= 8,
+        "the table of ARCHITECTURE.md was not found"
+    );
     let mut found = Vec::new();
     for rule in &rules {
         let files = sources(&Path::new(ROOT).join(&rule.source));
-        assert!(!files.is_empty(), "{} holds no source: correct ARCHITECTURE.md", rule.source);
+        assert!(
+            !files.is_empty(),
+            "{} holds no source: correct ARCHITECTURE.md",
+            rule.source
+        );
         for file in files {
             found.extend(violations(rule, &file));
         }
@@ -90,10 +111,17 @@ fn layers_point_one_way() {
 
 #[test]
 fn a_forbidden_import_would_be_seen() {
-    let rule = Rule { source: "src/x".into(), forbidden: vec!["crate::web".into(), "rand".into()] };
+    let rule = Rule {
+        source: "src/x".into(),
+        forbidden: vec!["crate::web".into(), "rand".into()],
+    };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("x.rs");
-    fs::write(&file, "use crate::web::Error;\nuse rand_chacha::X;\n// crate::web\nuse rand::Rng;\n").unwrap();
+    fs::write(
+        &file,
+        "use crate::web::Error;\nuse rand_chacha::X;\n// crate::web\nuse rand::Rng;\n",
+    )
+    .unwrap();
     assert_eq!(violations(&rule, &file).len(), 2);
 }
 

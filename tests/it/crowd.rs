@@ -24,22 +24,40 @@ pub async fn completes(
     let mut rng = ChaCha12Rng::seed_from_u64(seed);
     let (version, study) = catalogue.current(id).unwrap();
     let arrival = Token::random(&mut rng);
-    let new_arrival = NewArrival { source: source.map(str::to_owned), ..NewArrival::default() };
+    let new_arrival = NewArrival {
+        source: source.map(str::to_owned),
+        ..NewArrival::default()
+    };
     store.arrive(&arrival, id, new_arrival).await.unwrap();
     let steps = draw_run(&study, &mut rng).unwrap();
     let plans: Vec<_> = steps.iter().map(|step| step.plan.clone()).collect();
-    let run = NewRun { version, steps, factor: TimeFactor::ONE, population: Population::People, is_preview: false };
+    let run = NewRun {
+        version,
+        steps,
+        factor: TimeFactor::ONE,
+        population: Population::People,
+        is_preview: false,
+    };
     let started = store.start(&arrival, run).await.unwrap();
     for (position, plan) in plans.iter().enumerate() {
         let (reply, consent_version) = match study.step(plan).unwrap() {
             Step::Consent(consent) => (Reply::Agreed, Some(consent.version.to_owned())),
             Step::Info(_) => (Reply::Continued, None),
             Step::Choice(choice) => {
-                let actions: Vec<ActionId> = choice.actions.iter().map(|action| action.id.clone()).collect();
+                let actions: Vec<ActionId> = choice
+                    .actions
+                    .iter()
+                    .map(|action| action.id.clone())
+                    .collect();
                 let action = choose(choice.cell.map(|cell| cell.as_str()), &actions);
                 (Reply::Chose { action }, None)
             }
-            Step::Form(_) => (Reply::Filled { values: serde_json::Map::new() }, None),
+            Step::Form(_) => (
+                Reply::Filled {
+                    values: serde_json::Map::new(),
+                },
+                None,
+            ),
             Step::Thanks(_) => continue,
         };
         if plan.limit_ms.is_some() {
@@ -60,11 +78,22 @@ pub async fn completes(
 /// Outside the design everybody takes the first action.
 pub async fn drives(store: &Store, catalogue: &Catalogue, people: Range<u64>, stopping: u64) {
     for person in people {
-        let action = if person < stopping { "stop" } else { "accelerate" };
-        completes(store, catalogue, &"driving".into(), person, None, |cell, actions| match cell {
-            Some(_) => action.into(),
-            None => actions[0].clone(),
-        })
+        let action = if person < stopping {
+            "stop"
+        } else {
+            "accelerate"
+        };
+        completes(
+            store,
+            catalogue,
+            &"driving".into(),
+            person,
+            None,
+            |cell, actions| match cell {
+                Some(_) => action.into(),
+                None => actions[0].clone(),
+            },
+        )
         .await;
     }
 }

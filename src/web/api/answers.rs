@@ -75,9 +75,18 @@ struct Answer<'a> {
 impl<'a> Answer<'a> {
     /// `study` is the version that the answer was given under.
     fn new(study: &'a Study, row: &'a AnswerRow) -> Self {
-        let question = row.question.as_ref().map_or("", |question| question.as_str());
-        let problem = row.problem.clone().unwrap_or_else(|| format!("{}:{question}", row.block));
-        let levels = study.cell(&problem).map(|cell| cell.levels.as_slice()).unwrap_or_default();
+        let question = row
+            .question
+            .as_ref()
+            .map_or("", |question| question.as_str());
+        let problem = row
+            .problem
+            .clone()
+            .unwrap_or_else(|| format!("{}:{question}", row.block));
+        let levels = study
+            .cell(&problem)
+            .map(|cell| cell.levels.as_slice())
+            .unwrap_or_default();
         Self {
             study: study.id().as_str(),
             version: row.version.get(),
@@ -86,7 +95,10 @@ impl<'a> Answer<'a> {
             block: row.block.as_str(),
             position: row.key.position,
             question,
-            levels: levels.iter().map(|(factor, level)| (factor.to_string(), level.as_str())).collect(),
+            levels: levels
+                .iter()
+                .map(|(factor, level)| (factor.to_string(), level.as_str()))
+                .collect(),
             problem,
             action: row.action.as_ref().map(|action| action.as_str()),
             status: row.status,
@@ -111,19 +123,40 @@ pub(super) async fn page(
     let study = served(&catalogue, &study)?;
     let limit = limit.unwrap_or(PAGE_ROWS);
     if !(1..=MAX_PAGE_ROWS).contains(&limit) {
-        return Err(Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into());
+        return Err(
+            Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into(),
+        );
     }
     let after = after.as_deref().map_or(Ok(AnswerKey::START), cursor)?;
     // One more than asked for tells whether there is a next page.
-    let mut rows = store.answers(study.id(), settings.population, after, limit + 1).await?;
+    let mut rows = store
+        .answers(study.id(), settings.population, after, limit + 1)
+        .await?;
     let has_more = rows.len() > limit as usize;
     rows.truncate(limit as usize);
-    let next = rows.last().filter(|_| has_more).map(|row| format!("{}-{}", row.key.run, row.key.position));
-    let versions: Vec<Arc<Study>> = rows.iter().map(|row| version(&catalogue, &study, row)).collect();
-    let answers = rows.iter().zip(&versions).map(|(row, version)| Answer::new(version, row)).collect();
-    let mut response = Json(AnswerPage { answers, next: next.clone() }).into_response();
+    let next = rows
+        .last()
+        .filter(|_| has_more)
+        .map(|row| format!("{}-{}", row.key.run, row.key.position));
+    let versions: Vec<Arc<Study>> = rows
+        .iter()
+        .map(|row| version(&catalogue, &study, row))
+        .collect();
+    let answers = rows
+        .iter()
+        .zip(&versions)
+        .map(|(row, version)| Answer::new(version, row))
+        .collect();
+    let mut response = Json(AnswerPage {
+        answers,
+        next: next.clone(),
+    })
+    .into_response();
     if let Some(next) = next {
-        let link = format!("</api/v1/studies/{}/answers?after={next}&limit={limit}>; rel=\"next\"", study.id());
+        let link = format!(
+            "</api/v1/studies/{}/answers?after={next}&limit={limit}>; rel=\"next\"",
+            study.id()
+        );
         if let Ok(link) = HeaderValue::from_str(&link) {
             response.headers_mut().insert(header::LINK, link);
         }
@@ -133,14 +166,23 @@ pub(super) async fn page(
 
 fn cursor(text: &str) -> Result<AnswerKey, Error> {
     let parsed = text.split_once('-').and_then(|(run, position)| {
-        Some(AnswerKey { run: RunId::from(run.parse::<i64>().ok()?), position: position.parse().ok()? })
+        Some(AnswerKey {
+            run: RunId::from(run.parse::<i64>().ok()?),
+            position: position.parse().ok()?,
+        })
     });
-    parsed.ok_or_else(|| Error::BadRequest(format!("after is `{text}`; allowed: the `next` of an earlier page")))
+    parsed.ok_or_else(|| {
+        Error::BadRequest(format!(
+            "after is `{text}`; allowed: the `next` of an earlier page"
+        ))
+    })
 }
 
 /// The study as it was when the answer was given.
 fn version(catalogue: &Catalogue, current: &Arc<Study>, row: &AnswerRow) -> Arc<Study> {
-    catalogue.version(row.version).unwrap_or_else(|| current.clone())
+    catalogue
+        .version(row.version)
+        .unwrap_or_else(|| current.clone())
 }
 
 pub(super) async fn csv(
@@ -149,8 +191,22 @@ pub(super) async fn csv(
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
-    let form = Form::Csv { factors: study.factors().iter().map(|factor| factor.id.to_string()).collect() };
-    Ok(export(store, catalogue, &settings, study, form, "text/csv; charset=utf-8", "csv"))
+    let form = Form::Csv {
+        factors: study
+            .factors()
+            .iter()
+            .map(|factor| factor.id.to_string())
+            .collect(),
+    };
+    Ok(export(
+        store,
+        catalogue,
+        &settings,
+        study,
+        form,
+        "text/csv; charset=utf-8",
+        "csv",
+    ))
 }
 
 pub(super) async fn ndjson(
@@ -159,7 +215,15 @@ pub(super) async fn ndjson(
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
-    Ok(export(store, catalogue, &settings, study, Form::NdJson, "application/x-ndjson", "ndjson"))
+    Ok(export(
+        store,
+        catalogue,
+        &settings,
+        study,
+        Form::NdJson,
+        "application/x-ndjson",
+        "ndjson",
+    ))
 }
 
 enum Form {
@@ -190,7 +254,10 @@ fn export(
     extension: &str,
 ) -> Response {
     let population = settings.population;
-    let name = format!("attachment; filename=\"{}-answers.{extension}\"", study.id());
+    let name = format!(
+        "attachment; filename=\"{}-answers.{extension}\"",
+        study.id()
+    );
     // One page ahead of the client, no more.
     let (sender, chunks) = mpsc::channel(1);
     tokio::spawn(async move {
@@ -203,9 +270,16 @@ fn export(
     let headers: [(HeaderName, HeaderValue); 2] = [
         (header::CONTENT_TYPE, HeaderValue::from_static(content_type)),
         // A study's id is made of letters, digits and hyphens.
-        (header::CONTENT_DISPOSITION, HeaderValue::from_str(&name).unwrap_or(HeaderValue::from_static("attachment"))),
+        (
+            header::CONTENT_DISPOSITION,
+            HeaderValue::from_str(&name).unwrap_or(HeaderValue::from_static("attachment")),
+        ),
     ];
-    (headers, Body::from_stream(tokio_stream::wrappers::ReceiverStream::new(chunks))).into_response()
+    (
+        headers,
+        Body::from_stream(tokio_stream::wrappers::ReceiverStream::new(chunks)),
+    )
+        .into_response()
 }
 
 async fn write(
@@ -219,9 +293,17 @@ async fn write(
     let mut after = AnswerKey::START;
     let mut is_first = true;
     loop {
-        let rows = store.answers(study.id(), population, after, EXPORT_ROWS).await?;
-        let versions: Vec<Arc<Study>> = rows.iter().map(|row| version(catalogue, study, row)).collect();
-        let answers = rows.iter().zip(&versions).map(|(row, version)| Answer::new(version, row));
+        let rows = store
+            .answers(study.id(), population, after, EXPORT_ROWS)
+            .await?;
+        let versions: Vec<Arc<Study>> = rows
+            .iter()
+            .map(|row| version(catalogue, study, row))
+            .collect();
+        let answers = rows
+            .iter()
+            .zip(&versions)
+            .map(|(row, version)| Answer::new(version, row));
         let chunk = match form {
             Form::Csv { factors } => csv_rows(factors, answers, is_first)?,
             Form::NdJson => ndjson_rows(answers)?,
@@ -253,12 +335,35 @@ fn csv_rows<'a>(
 ) -> Result<Bytes, ExportError> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     if with_header {
-        let before = ["study", "version", "participant", "run_state", "block", "position", "question", "problem"];
-        let after = [
-            "action", "status", "shown_at_ms", "answered_at_ms", "server_ms", "client_rt_ms", "limit_ms", "input",
-            "hidden_ms", "source", "simulated",
+        let before = [
+            "study",
+            "version",
+            "participant",
+            "run_state",
+            "block",
+            "position",
+            "question",
+            "problem",
         ];
-        writer.write_record(before.into_iter().chain(factors.iter().map(String::as_str)).chain(after))?;
+        let after = [
+            "action",
+            "status",
+            "shown_at_ms",
+            "answered_at_ms",
+            "server_ms",
+            "client_rt_ms",
+            "limit_ms",
+            "input",
+            "hidden_ms",
+            "source",
+            "simulated",
+        ];
+        writer.write_record(
+            before
+                .into_iter()
+                .chain(factors.iter().map(String::as_str))
+                .chain(after),
+        )?;
     }
     for answer in answers {
         let number = |value: Option<u64>| value.map_or_else(String::new, |value| value.to_string());
@@ -272,11 +377,17 @@ fn csv_rows<'a>(
             text(answer.question),
             text(&answer.problem),
         ];
-        record.extend(factors.iter().map(|factor| text(answer.levels.get(factor).copied().unwrap_or_default())));
+        record.extend(
+            factors
+                .iter()
+                .map(|factor| text(answer.levels.get(factor).copied().unwrap_or_default())),
+        );
         record.extend([
             text(answer.action.unwrap_or_default()),
             answer.status.to_string(),
-            answer.shown_at_ms.map_or_else(String::new, |at| at.to_string()),
+            answer
+                .shown_at_ms
+                .map_or_else(String::new, |at| at.to_string()),
             answer.answered_at_ms.to_string(),
             number(answer.server_ms),
             number(answer.client_rt_ms),
@@ -288,12 +399,19 @@ fn csv_rows<'a>(
         ]);
         writer.write_record(record)?;
     }
-    writer.into_inner().map(Bytes::from).map_err(|error| ExportError::Buffer(error.to_string()))
+    writer
+        .into_inner()
+        .map(Bytes::from)
+        .map_err(|error| ExportError::Buffer(error.to_string()))
 }
 
 /// A text as a cell that no spreadsheet takes for a formula.
 fn text(text: &str) -> String {
-    if text.starts_with(['=', '+', '-', '@', '\t', '\r']) { format!("'{text}") } else { text.to_owned() }
+    if text.starts_with(['=', '+', '-', '@', '\t', '\r']) {
+        format!("'{text}")
+    } else {
+        text.to_owned()
+    }
 }
 
 #[cfg(test)]
@@ -310,7 +428,13 @@ mod tests {
 
     #[test]
     fn cursors_read_back_and_others_are_refused() {
-        assert_eq!(cursor("12-3").unwrap(), AnswerKey { run: RunId::from(12), position: 3 });
+        assert_eq!(
+            cursor("12-3").unwrap(),
+            AnswerKey {
+                run: RunId::from(12),
+                position: 3
+            }
+        );
         for text in ["", "12", "a-b", "1--2"] {
             assert!(cursor(text).is_err(), "{text}");
         }

@@ -26,7 +26,9 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
     async fn from_request_parts(parts: &mut request::Parts, state: &S) -> Result<Self, ApiError> {
         let found = axum::extract::Path::<T>::from_request_parts(parts, state).await;
         // An id that cannot be read is one that nothing has.
-        found.map(|path| Self(path.0)).map_err(|_: PathRejection| ApiError(Error::NotFound("address of the API")))
+        found
+            .map(|path| Self(path.0))
+            .map_err(|_: PathRejection| ApiError(Error::NotFound("address of the API")))
     }
 }
 
@@ -35,9 +37,14 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
 
     async fn from_request_parts(parts: &mut request::Parts, state: &S) -> Result<Self, ApiError> {
         let found = axum::extract::Query::<T>::from_request_parts(parts, state).await;
-        found.map(|query| Self(query.0)).map_err(|rejection: QueryRejection| {
-            ApiError(Error::BadRequest(format!("query: {}", innermost(&rejection))))
-        })
+        found
+            .map(|query| Self(query.0))
+            .map_err(|rejection: QueryRejection| {
+                ApiError(Error::BadRequest(format!(
+                    "query: {}",
+                    innermost(&rejection)
+                )))
+            })
     }
 }
 
@@ -46,15 +53,17 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
         let found = axum::Json::<T>::from_request(request, state).await;
-        found.map(|body| Self(body.0)).map_err(|rejection: JsonRejection| {
-            let detail = innermost(&rejection);
-            ApiError(match rejection.status() {
-                StatusCode::UNSUPPORTED_MEDIA_TYPE => Error::UnsupportedMediaType,
-                StatusCode::PAYLOAD_TOO_LARGE => Error::TooLarge,
-                StatusCode::UNPROCESSABLE_ENTITY => Error::Unprocessable(detail),
-                _ => Error::BadRequest(format!("the body is not JSON: {detail}")),
+        found
+            .map(|body| Self(body.0))
+            .map_err(|rejection: JsonRejection| {
+                let detail = innermost(&rejection);
+                ApiError(match rejection.status() {
+                    StatusCode::UNSUPPORTED_MEDIA_TYPE => Error::UnsupportedMediaType,
+                    StatusCode::PAYLOAD_TOO_LARGE => Error::TooLarge,
+                    StatusCode::UNPROCESSABLE_ENTITY => Error::Unprocessable(detail),
+                    _ => Error::BadRequest(format!("the body is not JSON: {detail}")),
+                })
             })
-        })
     }
 }
 

@@ -114,29 +114,57 @@ struct Current {
 pub(super) async fn list(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
-    Query(FitsQuery { history, before, limit }): Query<FitsQuery>,
+    Query(FitsQuery {
+        history,
+        before,
+        limit,
+    }): Query<FitsQuery>,
 ) -> Result<Response, ApiError> {
     if !history {
         if before.is_some() || limit.is_some() {
-            return Err(Error::BadRequest("before and limit page through the history; add history=true".to_owned()).into());
+            return Err(Error::BadRequest(
+                "before and limit page through the history; add history=true".to_owned(),
+            )
+            .into());
         }
         let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-        let Summary { data_version, fit_version, fits, .. } = Summary::new(&snapshot);
-        return Ok(Json(Current { data_version, fit_version, fits }).into_response());
+        let Summary {
+            data_version,
+            fit_version,
+            fits,
+            ..
+        } = Summary::new(&snapshot);
+        return Ok(Json(Current {
+            data_version,
+            fit_version,
+            fits,
+        })
+        .into_response());
     }
     let study = served(&catalogue, &study)?;
     let limit = limit.unwrap_or(PAGE_ROWS);
     if !(1..=MAX_PAGE_ROWS).contains(&limit) {
-        return Err(Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into());
+        return Err(
+            Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into(),
+        );
     }
     let before = before.map(FitId::from);
-    let mut fits = store.fit_history(study.id(), settings.population, before, limit + 1).await?;
+    let mut fits = store
+        .fit_history(study.id(), settings.population, before, limit + 1)
+        .await?;
     let has_more = fits.len() > limit as usize;
     fits.truncate(limit as usize);
     let link = fits.last().filter(|_| has_more).map(|fit| {
-        format!("</api/v1/studies/{}/fits?history=true&before={}&limit={limit}>; rel=\"next\"", study.id(), fit.id)
+        format!(
+            "</api/v1/studies/{}/fits?history=true&before={}&limit={limit}>; rel=\"next\"",
+            study.id(),
+            fit.id
+        )
     });
-    let mut response = Json(History { fits: fits.iter().map(StoredFit::from).collect() }).into_response();
+    let mut response = Json(History {
+        fits: fits.iter().map(StoredFit::from).collect(),
+    })
+    .into_response();
     if let Some(Ok(link)) = link.map(|link| HeaderValue::from_str(&link)) {
         response.headers_mut().insert(header::LINK, link);
     }
@@ -149,10 +177,28 @@ pub(super) async fn one(
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
-    let fit = store.fit(study.id(), settings.population, FitId::from(fit)).await?;
+    let fit = store
+        .fit(study.id(), settings.population, FitId::from(fit))
+        .await?;
     let result = FitReport::read(&fit).map(|report| {
-        let FitReport { problems, counts, summary, accuracy, curves: _, quantities: _ } = report;
-        Numbers { problems, counts, summary, accuracy }
+        let FitReport {
+            problems,
+            counts,
+            summary,
+            accuracy,
+            curves: _,
+            quantities: _,
+        } = report;
+        Numbers {
+            problems,
+            counts,
+            summary,
+            accuracy,
+        }
     });
-    Ok(Json(FullFit { fit: StoredFit::from(&fit), result }).into_response())
+    Ok(Json(FullFit {
+        fit: StoredFit::from(&fit),
+        result,
+    })
+    .into_response())
 }

@@ -166,7 +166,10 @@ async fn entry(store: &Store, settings: &Settings, study: &Study) -> Result<Stud
 }
 
 fn served(catalogue: &Catalogue, study: &StudyId) -> Result<Arc<Study>, Error> {
-    catalogue.current(study).map(|(_, study)| study).ok_or(Error::NotFound("study"))
+    catalogue
+        .current(study)
+        .map(|(_, study)| study)
+        .ok_or(Error::NotFound("study"))
 }
 
 async fn summary(
@@ -204,5 +207,9 @@ async fn stream(
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
-    Ok(events::stream(store, &catalogue, settings.population, study, stop).await?.into_response())
+    Ok(
+        events::stream(store, &catalogue, settings.population, study, stop)
+            .await?
+            .into_response(),
+    )
 }

@@ -1,6 +1,10 @@
 //! `POST predict`: what a person will choose, from a fit or from given parameters (models.md, section 10).
 
-use axum::{Json, extract::State, response::{IntoResponse, Response}};
+use axum::{
+    Json,
+    extract::State,
+    response::{IntoResponse, Response},
+};
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -10,7 +14,10 @@ use super::{
 use crate::{
     inference::{ActionPrediction, predict_from_draws},
     jobs::{PartFit, PartState, Snapshot},
-    model::{ChoiceModel, ChoiceProblem, OrderedMap, RISK_AWARE, RiskAwareOptions, model_named, probabilities, utilities},
+    model::{
+        ChoiceModel, ChoiceProblem, OrderedMap, RISK_AWARE, RiskAwareOptions, model_named,
+        probabilities, utilities,
+    },
     store,
     study::{CellId, FitPlan, PartId, PlanId, StudyId},
     web::{ApiError, Error, results},
@@ -65,7 +72,10 @@ pub(super) async fn predict(
     Body(request): Body<Request>,
 ) -> Result<Response, ApiError> {
     let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-    let model = request.model.as_deref().map_or(Ok(&RISK_AWARE), model_named);
+    let model = request
+        .model
+        .as_deref()
+        .map_or(Ok(&RISK_AWARE), model_named);
     let model = model.map_err(|error| Error::Unprocessable(error.to_string()))?;
     if let Some(parameters) = &request.parameters {
         if request.plan.is_some() || request.part.is_some() || request.cell.is_some() {
@@ -79,16 +89,31 @@ pub(super) async fn predict(
     }
     let (part, chosen) = named_fit(&snapshot, model, &request)?;
     let draws = store.fit_draws(chosen.id).await?;
-    let not_read = || Error::Internal(anyhow::anyhow!("the draws of fit {} are not of the announced size", chosen.id));
+    let not_read = || {
+        Error::Internal(anyhow::anyhow!(
+            "the draws of fit {} are not of the announced size",
+            chosen.id
+        ))
+    };
     let report = part.converged().ok_or_else(not_read)?;
     let draws = report.draws(&draws).ok_or_else(not_read)?;
     let (problem, options) = (request.problem, report.summary.options);
     // Thousands of draws with a large problem take long enough to hold up other requests.
-    let prediction = tokio::task::spawn_blocking(move || predict_from_draws(&problem, &draws, options))
-        .await
-        .map_err(|error| Error::Internal(error.into()))?
-        .ok_or_else(|| Error::Unprocessable("the problem's decision weights vanish under every draw".to_owned()))?;
-    let share = |ActionPrediction { action, mean, q5, q95 }| (action, Interval { mean, q5, q95 });
+    let prediction =
+        tokio::task::spawn_blocking(move || predict_from_draws(&problem, &draws, options))
+            .await
+            .map_err(|error| Error::Internal(error.into()))?
+            .ok_or_else(|| {
+                Error::Unprocessable(
+                    "the problem's decision weights vanish under every draw".to_owned(),
+                )
+            })?;
+    let share = |ActionPrediction {
+                     action,
+                     mean,
+                     q5,
+                     q95,
+                 }| (action, Interval { mean, q5, q95 });
     Ok(Json(FromFit {
         model: model.id,
         plan: part.plan.to_string(),
@@ -108,11 +133,20 @@ fn from_parameters(
 ) -> Result<FromParameters, Error> {
     let unprocessable = |error: &dyn std::fmt::Display| Error::Unprocessable(error.to_string());
     let entries = parameters.iter().map(|(name, value)| (name, *value));
-    let parameters = model.parameters_from(entries).map_err(|error| unprocessable(&error))?;
+    let parameters = model
+        .parameters_from(entries)
+        .map_err(|error| unprocessable(&error))?;
     let options = RiskAwareOptions::default();
-    let shares = probabilities(problem, &parameters, options).map_err(|error| unprocessable(&error))?;
+    let shares =
+        probabilities(problem, &parameters, options).map_err(|error| unprocessable(&error))?;
     let values = utilities(problem, &parameters, options).map_err(|error| unprocessable(&error))?;
-    let named = |values: &[f64]| problem.names().map(str::to_owned).zip(values.iter().copied()).collect();
+    let named = |values: &[f64]| {
+        problem
+            .names()
+            .map(str::to_owned)
+            .zip(values.iter().copied())
+            .collect()
+    };
     let mut most_likely = 0;
     for (index, share) in shares.iter().enumerate() {
         if *share > shares[most_likely] {
@@ -137,10 +171,17 @@ fn named_fit<'a>(
         Some(plan) => results::plan(snapshot, Some(plan))?,
         None => whole_plan(snapshot)?,
     };
-    let of_plan = || snapshot.fits.iter().filter(|part| part.plan == plan.id && part.model.id == model.id);
+    let of_plan = || {
+        snapshot
+            .fits
+            .iter()
+            .filter(|part| part.plan == plan.id && part.model.id == model.id)
+    };
     let part = match (&request.part, &request.cell) {
         (Some(_), Some(_)) => {
-            return Err(Error::Unprocessable("part and cell are given; allowed: one of them".to_owned()));
+            return Err(Error::Unprocessable(
+                "part and cell are given; allowed: one of them".to_owned(),
+            ));
         }
         (Some(id), None) => of_plan().find(|part| part.part == *id),
         (None, Some(cell)) => of_plan().find(|part| part.cells.contains(cell)),
@@ -149,7 +190,11 @@ fn named_fit<'a>(
     };
     let part = part.ok_or_else(|| {
         let known: Vec<&str> = plan.parts.iter().map(|part| part.id.as_str()).collect();
-        Error::Unprocessable(format!("plan `{}` needs a part or one of its cells; allowed parts: {}", plan.id, known.join(", ")))
+        Error::Unprocessable(format!(
+            "plan `{}` needs a part or one of its cells; allowed parts: {}",
+            plan.id,
+            known.join(", ")
+        ))
     })?;
     match (part.state, &part.fit) {
         (PartState::Converged, Some(fit)) => Ok((part, fit)),
@@ -166,8 +211,14 @@ fn named_fit<'a>(
 /// The plan that fits all cells together.
 fn whole_plan(snapshot: &Snapshot) -> Result<&FitPlan, Error> {
     let plans = snapshot.study.plans();
-    plans.iter().find(|plan| plan.parts.len() == 1).ok_or_else(|| {
-        let known: Vec<&str> = plans.iter().map(|plan| plan.id.as_str()).collect();
-        Error::Unprocessable(format!("this study has no plan for all cells together; give one of its plans: {}", known.join(", ")))
-    })
+    plans
+        .iter()
+        .find(|plan| plan.parts.len() == 1)
+        .ok_or_else(|| {
+            let known: Vec<&str> = plans.iter().map(|plan| plan.id.as_str()).collect();
+            Error::Unprocessable(format!(
+                "this study has no plan for all cells together; give one of its plans: {}",
+                known.join(", ")
+            ))
+        })
 }

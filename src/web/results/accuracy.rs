@@ -3,7 +3,9 @@
 use serde::Serialize;
 
 use crate::{
-    inference::accuracy::{CellAccuracy as Scored, LnKl, Shares, TTest, compare, pooled, reference_level},
+    inference::accuracy::{
+        CellAccuracy as Scored, LnKl, Shares, TTest, compare, pooled, reference_level,
+    },
     jobs::Snapshot,
     model::{MODELS, NOISY_RATIONAL, OrderedMap, RISK_AWARE},
     study::{FactorId, FitPlan, LevelId, MeanSd, PaperFigure, Study, Timestamp},
@@ -60,8 +62,23 @@ pub(in crate::web) struct Score {
 
 impl From<LnKl> for Score {
     fn from(ln_kl: LnKl) -> Self {
-        let LnKl { mean, sd, median, q5, q95, samples: _, exact_zeros: zeros } = ln_kl;
-        Self { mean, sd, median, q5, q95, zeros }
+        let LnKl {
+            mean,
+            sd,
+            median,
+            q5,
+            q95,
+            samples: _,
+            exact_zeros: zeros,
+        } = ln_kl;
+        Self {
+            mean,
+            sd,
+            median,
+            q5,
+            q95,
+            zeros,
+        }
     }
 }
 
@@ -128,7 +145,12 @@ impl Accuracy {
                 reference: (!is_unanimous).then(|| reference_level(cell.actions.len(), n)),
                 models: MODELS
                     .iter()
-                    .map(|model| (model.id.to_owned(), scored(model.id).map(|scored| scored.ln_kl.clone().into())))
+                    .map(|model| {
+                        (
+                            model.id.to_owned(),
+                            scored(model.id).map(|scored| scored.ln_kl.clone().into()),
+                        )
+                    })
                     .collect(),
             });
             cells.push(FittedCell {
@@ -139,7 +161,11 @@ impl Accuracy {
             });
         }
         let sets = pooled_sets(study);
-        let pooled = |shares| sets.iter().map(|levels| pooled_row(study, levels, &cells, shares)).collect();
+        let pooled = |shares| {
+            sets.iter()
+                .map(|levels| pooled_row(study, levels, &cells, shares))
+                .collect()
+        };
         Self {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
@@ -150,13 +176,22 @@ impl Accuracy {
             cells: rows,
             pooled: pooled(Shares::Observed),
             pooled_smoothed: pooled(Shares::Smoothed),
-            paper: study.paper().iter().map(|figure| paper_row(study, figure)).collect(),
+            paper: study
+                .paper()
+                .iter()
+                .map(|figure| paper_row(study, figure))
+                .collect(),
         }
     }
 }
 
 fn latest(snapshot: &Snapshot, plan: &FitPlan) -> Option<Timestamp> {
-    snapshot.fits.iter().filter(|part| part.plan == plan.id).filter_map(|part| Some(part.fit.as_ref()?.created_at)).max()
+    snapshot
+        .fits
+        .iter()
+        .filter(|part| part.plan == plan.id)
+        .filter_map(|part| Some(part.fit.as_ref()?.created_at))
+        .max()
 }
 
 /// All cells together, each level of each factor, and what else the paper pools.
@@ -164,9 +199,13 @@ fn pooled_sets(study: &Study) -> Vec<Levels> {
     let mut sets = vec![Levels::new()];
     for factor in study.factors() {
         let levels = factor.levels.iter().filter(|level| {
-            study.cells().iter().any(|cell| cell.fitted && cell.levels.contains(&(factor.id.clone(), level.id.clone())))
+            study.cells().iter().any(|cell| {
+                cell.fitted && cell.levels.contains(&(factor.id.clone(), level.id.clone()))
+            })
         });
-        let of_factor: Vec<Levels> = levels.map(|level| vec![(factor.id.clone(), level.id.clone())]).collect();
+        let of_factor: Vec<Levels> = levels
+            .map(|level| vec![(factor.id.clone(), level.id.clone())])
+            .collect();
         // The only level of a factor is all cells together once more.
         if of_factor.len() > 1 {
             sets.extend(of_factor);
@@ -185,35 +224,61 @@ fn label(study: &Study, levels: &Levels) -> String {
         return "Together".to_owned();
     }
     let of_level = |(factor_id, level_id): &(FactorId, LevelId)| {
-        let factor = study.factors().iter().find(|factor| factor.id == *factor_id);
-        let level = factor.and_then(|factor| factor.levels.iter().find(|level| level.id == *level_id));
+        let factor = study
+            .factors()
+            .iter()
+            .find(|factor| factor.id == *factor_id);
+        let level =
+            factor.and_then(|factor| factor.levels.iter().find(|level| level.id == *level_id));
         match (factor, level) {
-            (Some(factor), Some(level)) => format!("{}: {}", factor.label, level.label.to_lowercase()),
+            (Some(factor), Some(level)) => {
+                format!("{}: {}", factor.label, level.label.to_lowercase())
+            }
             (Some(_), None) | (None, Some(_) | None) => format!("{factor_id}: {level_id}"),
         }
     };
     levels.iter().map(of_level).collect::<Vec<_>>().join(", ")
 }
 
-fn pooled_row(study: &Study, levels: &Levels, cells: &[FittedCell<'_>], shares: Shares) -> PooledRow {
-    let of_set: Vec<&FittedCell> =
-        cells.iter().filter(|cell| levels.iter().all(|level| cell.levels.contains(level))).collect();
+fn pooled_row(
+    study: &Study,
+    levels: &Levels,
+    cells: &[FittedCell<'_>],
+    shares: Shares,
+) -> PooledRow {
+    let of_set: Vec<&FittedCell> = cells
+        .iter()
+        .filter(|cell| levels.iter().all(|level| cell.levels.contains(level)))
+        .collect();
     let used: Vec<&FittedCell> = match shares {
-        Shares::Observed => of_set.iter().filter(|cell| !cell.is_unanimous).copied().collect(),
+        Shares::Observed => of_set
+            .iter()
+            .filter(|cell| !cell.is_unanimous)
+            .copied()
+            .collect(),
         Shares::Smoothed => of_set.clone(),
     };
     // Some of the cells would be another comparison: all or none.
     let aware: Option<Vec<&Scored>> = used.iter().map(|cell| cell.aware).collect();
     let noisy: Option<Vec<&Scored>> = used.iter().map(|cell| cell.noisy).collect();
-    let (aware, noisy) = (aware.filter(|cells| !cells.is_empty()), noisy.filter(|cells| !cells.is_empty()));
-    let comparison = aware.as_ref().zip(noisy.as_ref()).and_then(|(aware, noisy)| {
-        let pairs: Vec<_> = aware.iter().copied().zip(noisy.iter().copied()).collect();
-        compare(&pairs, shares)
-    });
+    let (aware, noisy) = (
+        aware.filter(|cells| !cells.is_empty()),
+        noisy.filter(|cells| !cells.is_empty()),
+    );
+    let comparison = aware
+        .as_ref()
+        .zip(noisy.as_ref())
+        .and_then(|(aware, noisy)| {
+            let pairs: Vec<_> = aware.iter().copied().zip(noisy.iter().copied()).collect();
+            compare(&pairs, shares)
+        });
     let score = |cells: Option<Vec<&Scored>>| cells.map(|cells| pooled(&cells, shares).into());
     PooledRow {
         label: label(study, levels),
-        levels: levels.iter().map(|(factor, level)| (factor.to_string(), level.to_string())).collect(),
+        levels: levels
+            .iter()
+            .map(|(factor, level)| (factor.to_string(), level.to_string()))
+            .collect(),
         cells: used.len(),
         left_out: of_set.len() - used.len(),
         paired_t: comparison.as_ref().and_then(|comparison| comparison.paired),
@@ -226,7 +291,12 @@ fn pooled_row(study: &Study, levels: &Levels, cells: &[FittedCell<'_>], shares: 
 }
 
 fn paper_row(study: &Study, figure: &PaperFigure) -> PaperRow {
-    let score = |figure: Option<MeanSd>| figure.map(|figure| PaperScore { mean: figure.mean, sd: figure.sd });
+    let score = |figure: Option<MeanSd>| {
+        figure.map(|figure| PaperScore {
+            mean: figure.mean,
+            sd: figure.sd,
+        })
+    };
     PaperRow {
         label: label(study, &figure.levels),
         risk_aware: score(figure.risk_aware),

@@ -84,17 +84,25 @@ pub(in crate::web) struct Gap {
 impl Curves {
     /// The curves of one plan, or of all.
     pub(in crate::web) fn new(snapshot: &Snapshot, plan: Option<&PlanId>) -> Self {
-        let fits: Vec<&PartFit> =
-            snapshot.fits.iter().filter(|part| plan.is_none_or(|plan| part.plan == *plan)).collect();
+        let fits: Vec<&PartFit> = snapshot
+            .fits
+            .iter()
+            .filter(|part| plan.is_none_or(|plan| part.plan == *plan))
+            .collect();
         let unit = snapshot.study.reward_unit();
         let mut plans: Vec<PartCurves> = Vec::new();
         // Models of one part stand next to each other.
-        for of_part in fits.chunk_by(|left, right| left.plan == right.plan && left.part == right.part) {
+        for of_part in
+            fits.chunk_by(|left, right| left.plan == right.plan && left.part == right.part)
+        {
             plans.push(PartCurves {
                 plan: of_part[0].plan.to_string(),
                 part: of_part[0].part.to_string(),
                 label: of_part[0].part_label.clone(),
-                models: of_part.iter().filter_map(|part| model(part, unit)).collect(),
+                models: of_part
+                    .iter()
+                    .filter_map(|part| model(part, unit))
+                    .collect(),
             });
         }
         let mut draws = fits.iter().filter_map(|part| {
@@ -106,7 +114,11 @@ impl Curves {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
             draws: first.filter(|first| draws.all(|other| other == *first)),
-            at: fits.iter().filter_map(|part| Some(part.fit.as_ref()?.created_at)).max().map(rfc3339),
+            at: fits
+                .iter()
+                .filter_map(|part| Some(part.fit.as_ref()?.created_at))
+                .max()
+                .map(rfc3339),
             plans,
         }
     }
@@ -139,16 +151,27 @@ fn model(part: &PartFit, unit: &RewardUnit) -> Option<(String, ModelCurves)> {
 
 /// The risky outcome is the first whose size is largest; a study has one as a rule.
 fn decision_weight(fitted: &Fitted, unit: &RewardUnit) -> Option<DecisionWeight> {
-    let risky = fitted.risky_weights.iter().rev().max_by(|a, b| a.reward.abs().total_cmp(&b.reward.abs()))?;
+    let risky = fitted
+        .risky_weights
+        .iter()
+        .rev()
+        .max_by(|a, b| a.reward.abs().total_cmp(&b.reward.abs()))?;
     Some(DecisionWeight {
-        label: format!("{} or else {}", unit.format(risky.reward), unit.format(risky.otherwise)),
-        note: fitted.gains_through_normalisation_only.then_some("γ enters through the normalisation only"),
+        label: format!(
+            "{} or else {}",
+            unit.format(risky.reward),
+            unit.format(risky.otherwise)
+        ),
+        note: fitted
+            .gains_through_normalisation_only
+            .then_some("γ enters through the normalisation only"),
         series: series(&risky.curve),
     })
 }
 
 fn series(curve: &Curve) -> Series {
-    let column = |of: fn(&crate::inference::curves::Band) -> f64| curve.bands.iter().map(of).collect();
+    let column =
+        |of: fn(&crate::inference::curves::Band) -> f64| curve.bands.iter().map(of).collect();
     Series {
         x: curve.x.clone(),
         mean: column(|band| band.mean),

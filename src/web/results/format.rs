@@ -19,12 +19,18 @@ pub(super) fn count(value: u64) -> String {
 
 /// A number with a fixed count of decimals and a real minus sign.
 pub(super) fn decimal(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| NONE.to_owned(), |value| format!("{value:.digits$}").replace('-', "\u{2212}"))
+    value.map_or_else(
+        || NONE.to_owned(),
+        |value| format!("{value:.digits$}").replace('-', "\u{2212}"),
+    )
 }
 
 /// A share as a whole percentage.
 pub(super) fn percent(share: Option<f64>) -> String {
-    share.map_or_else(|| NONE.to_owned(), |share| format!("{} %", (share * 100.0).round()))
+    share.map_or_else(
+        || NONE.to_owned(),
+        |share| format!("{} %", (share * 100.0).round()),
+    )
 }
 
 /// A percentage's interval.
@@ -74,6 +80,9 @@ mod tests {
         assert_eq!(percent(Some(0.834)), "83 %");
         assert_eq!(mean_sd(Some(-5.7), Some(3.3), 1), "\u{2212}5.7 ± 3.3");
         assert_eq!(mean_sd(None, Some(3.3), 1), "–");
-        assert_eq!(rfc3339(Timestamp(1_700_000_000_000)), "2023-11-14T22:13:20Z");
+        assert_eq!(
+            rfc3339(Timestamp(1_700_000_000_000)),
+            "2023-11-14T22:13:20Z"
+        );
     }
 }

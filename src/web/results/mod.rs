@@ -21,7 +21,12 @@ use axum::{
 };
 use tokio_util::sync::CancellationToken;
 
-pub(super) use self::{accuracy::Accuracy, curves::Curves, format::rfc3339, summary::{FitRow, Summary}};
+pub(super) use self::{
+    accuracy::Accuracy,
+    curves::Curves,
+    format::rfc3339,
+    summary::{FitRow, Summary},
+};
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
     jobs::{Catalogue, Snapshot},
@@ -45,7 +50,9 @@ pub(super) async fn snapshot(
     settings: &Settings,
     study: &StudyId,
 ) -> Result<Snapshot, Error> {
-    Snapshot::read(store, catalogue, settings.population, study).await?.ok_or(Error::NotFound("study"))
+    Snapshot::read(store, catalogue, settings.population, study)
+        .await?
+        .ok_or(Error::NotFound("study"))
 }
 
 /// The plan with this id, or the finest one.
@@ -56,7 +63,10 @@ pub(super) fn plan<'a>(snapshot: &'a Snapshot, id: Option<&PlanId>) -> Result<&'
     let plans = snapshot.study.plans();
     plans.iter().find(|plan| plan.id == *id).ok_or_else(|| {
         let known: Vec<&str> = plans.iter().map(|plan| plan.id.as_str()).collect();
-        Error::BadRequest(format!("plan `{id}` does not exist; allowed: {}", known.join(", ")))
+        Error::BadRequest(format!(
+            "plan `{id}` does not exist; allowed: {}",
+            known.join(", ")
+        ))
     })
 }
 
@@ -100,5 +110,9 @@ async fn stream(
     State(stop): State<CancellationToken>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    Ok(events::stream(store, &catalogue, settings.population, study, stop).await?.into_response())
+    Ok(
+        events::stream(store, &catalogue, settings.population, study, stop)
+            .await?
+            .into_response(),
+    )
 }

@@ -88,8 +88,20 @@ impl ResultsPage {
             study: summary.study.id.clone(),
             title: summary.study.title.clone(),
             simulated: summary.simulated,
-            people: [people.completed, people.started, people.withdrawn, people.declined].map(count),
-            answers: [answers.counted, answers.late, answers.timed_out, answers.before_exclusions].map(count),
+            people: [
+                people.completed,
+                people.started,
+                people.withdrawn,
+                people.declined,
+            ]
+            .map(count),
+            answers: [
+                answers.counted,
+                answers.late,
+                answers.timed_out,
+                answers.before_exclusions,
+            ]
+            .map(count),
             plan: accuracy.plan_label.clone(),
             exclusions: tables::exclusions(&summary),
             figures: figures(&summary, &accuracy, &curves, &curve_plan),
@@ -98,7 +110,11 @@ impl ResultsPage {
             smoothed: tables::pooled(&accuracy, &accuracy.pooled_smoothed),
             attention,
             notes: notes(snapshot),
-            failures: snapshot.fits.iter().filter(|part| part.state == PartState::Failed).count() as u64,
+            failures: snapshot
+                .fits
+                .iter()
+                .filter(|part| part.state == PartState::Failed)
+                .count() as u64,
             parameters: tables::parameters(snapshot),
             fits: tables::fits(&summary),
             verdict: summary.verdict,
@@ -109,7 +125,10 @@ impl ResultsPage {
 /// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.
 fn curve_plan(snapshot: &Snapshot) -> String {
     let plans = snapshot.study.plans();
-    let split = plans.iter().filter(|plan| plan.parts.len() > 1).min_by_key(|plan| plan.parts.len());
+    let split = plans
+        .iter()
+        .filter(|plan| plan.parts.len() > 1)
+        .min_by_key(|plan| plan.parts.len());
     split.unwrap_or(&plans[0]).id.to_string()
 }
 
@@ -121,9 +140,17 @@ fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) 
         summary.data_version,
         summary.fit_version
     );
-    let plan_label = summary.plans.iter().find(|known| known.id == plan).map_or(plan, |known| known.label.as_str());
+    let plan_label = summary
+        .plans
+        .iter()
+        .find(|known| known.id == plan)
+        .map_or(plan, |known| known.label.as_str());
     let curve_caption = format!("{source} · fit: {plan_label}");
-    let parts: Vec<&PartCurves> = curves.plans.iter().filter(|part| part.plan == plan).collect();
+    let parts: Vec<&PartCurves> = curves
+        .plans
+        .iter()
+        .filter(|part| part.plan == plan)
+        .collect();
     let curve = |kind, title, subtitle, table| Figure {
         kind,
         title,
@@ -145,37 +172,60 @@ fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) 
             "weighting",
             "How much weight does a probability get?",
             "Weight w(p) against probability p; bands: 50 % and 90 % of the posterior; fine dashes: the prior’s mean.",
-            curve_table(&parts, "p", &|x| trimmed(x), &[
-                ("gains", |curves| curves.weighting_gain.as_ref()),
-                ("losses", |curves| curves.weighting_loss.as_ref()),
-            ]),
+            curve_table(
+                &parts,
+                "p",
+                &|x| trimmed(x),
+                &[
+                    ("gains", |curves| curves.weighting_gain.as_ref()),
+                    ("losses", |curves| curves.weighting_loss.as_ref()),
+                ],
+            ),
         ),
         weight_of_risk: curve(
             "weight_of_risk",
             "How large does the risk look?",
             "Decision weight of the risky outcome against its true probability (the paper’s perceived probability); bands as above.",
-            curve_table(&parts, "p", &|x| trimmed(x), &[
-                ("decision weight", |curves| curves.decision_weight.as_ref().map(|weight| &weight.series)),
-            ]),
+            curve_table(
+                &parts,
+                "p",
+                &|x| trimmed(x),
+                &[("decision weight", |curves| {
+                    curves.decision_weight.as_ref().map(|weight| &weight.series)
+                })],
+            ),
         ),
         value: curve(
             "value",
             "How much does a reward move the choice?",
             "θ·v(R) in logits (Noisy Rational: θ·R); bands: 50 % and 90 % of the posterior; fine dashes: the prior’s median.",
-            curve_table(&parts, "Reward", &reward(summary), &[("logits", |curves| Some(&curves.value_logits))]),
+            curve_table(
+                &parts,
+                "Reward",
+                &reward(summary),
+                &[("logits", |curves| Some(&curves.value_logits))],
+            ),
         ),
         value_shape: curve(
             "value_shape",
             "What shape has value?",
             "v(R) divided by its size at the reference reward: shape only, each draw is ±1 there by construction.",
-            curve_table(&parts, "Reward", &reward(summary), &[("shape only", |curves| Some(&curves.value_shape))]),
+            curve_table(
+                &parts,
+                "Reward",
+                &reward(summary),
+                &[("shape only", |curves| Some(&curves.value_shape))],
+            ),
         ),
         accuracy: Figure {
             kind: "accuracy",
             title: "Which model comes closer to the choices?",
             subtitle: "ln KL from the choices to each model’s predictions (natural logarithm; lower is closer), mean ± sd over independent draws. Dotted: the reference level, what the true probabilities themselves would score against as many answers; below it means closer to the sample than the truth would be, not better.",
             plan: None,
-            caption: format!("{source} · fit: {} · {} draws per cell", accuracy.plan_label, accuracy.samples),
+            caption: format!(
+                "{source} · fit: {} · {} draws per cell",
+                accuracy.plan_label, accuracy.samples
+            ),
             table: tables::ln_kl(accuracy),
         },
     }
@@ -231,7 +281,9 @@ fn spread(length: usize) -> Vec<usize> {
         return (0..length).collect();
     }
     let steps = CURVE_ROWS - 1;
-    (0..=steps).map(|step| (step * (length - 1) + steps / 2) / steps).collect()
+    (0..=steps)
+        .map(|step| (step * (length - 1) + steps / 2) / steps)
+        .collect()
 }
 
 fn trimmed(x: f64) -> String {
@@ -240,7 +292,15 @@ fn trimmed(x: f64) -> String {
 
 fn reward(summary: &Summary) -> impl Fn(f64) -> String {
     let unit = &summary.study.reward_unit;
-    move |x| format!("{}{}{}{}", if x < 0.0 { "\u{2212}" } else { "" }, unit.prefix, trimmed(x.abs()), unit.suffix)
+    move |x| {
+        format!(
+            "{}{}{}{}",
+            if x < 0.0 { "\u{2212}" } else { "" },
+            unit.prefix,
+            trimmed(x.abs()),
+            unit.suffix
+        )
+    }
 }
 
 fn checks(summary: &Summary) -> Option<Checks> {
@@ -260,10 +320,30 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
     let mut found = Vec::new();
     for item in study.instructed_items() {
         let set = snapshot.analysis_set();
-        let given = store.form_answers(study.id(), snapshot.population, set, &item.block, &item.field).await?;
-        let n = given.iter().filter(|answer| answer.value.is_some()).map(|answer| answer.n).sum();
-        let as_asked = given.iter().filter(|answer| answer.value.as_deref() == Some(&item.expected)).map(|answer| answer.n).sum();
-        found.push(Attention { label: item.label.clone(), n: count(n), as_asked: count(as_asked) });
+        let given = store
+            .form_answers(
+                study.id(),
+                snapshot.population,
+                set,
+                &item.block,
+                &item.field,
+            )
+            .await?;
+        let n = given
+            .iter()
+            .filter(|answer| answer.value.is_some())
+            .map(|answer| answer.n)
+            .sum();
+        let as_asked = given
+            .iter()
+            .filter(|answer| answer.value.as_deref() == Some(&item.expected))
+            .map(|answer| answer.n)
+            .sum();
+        found.push(Attention {
+            label: item.label.clone(),
+            n: count(n),
+            as_asked: count(as_asked),
+        });
     }
     Ok(found)
 }
@@ -281,7 +361,10 @@ fn notes(snapshot: &Snapshot) -> Vec<String> {
         .map(|outcome| outcome.reward)
         .collect();
     let mut notes = Vec::new();
-    let (has_gains, has_losses) = (rewards.iter().any(|&reward| reward > 0.0), rewards.iter().any(|&reward| reward < 0.0));
+    let (has_gains, has_losses) = (
+        rewards.iter().any(|&reward| reward > 0.0),
+        rewards.iter().any(|&reward| reward < 0.0),
+    );
     if has_losses && !has_gains {
         notes.push(
             "All rewards that are fitted here are losses or nothing. So the curvature of gains (α) cannot be learned, the weighting of gains (γ) enters at most through the normalisation of decision weights, and loss aversion (λ) and sensitivity (θ) only through their product. What the table below calls “not informed by this study” is the prior, not a finding."

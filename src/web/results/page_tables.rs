@@ -43,11 +43,18 @@ pub(super) fn actions(summary: &Summary) -> Table {
 }
 
 fn predicted(cell: &CellRow, model: &str, action: &str) -> String {
-    let share: Option<&Share> =
-        cell.predicted.get(model).and_then(Option::as_ref).and_then(|shares| shares.get(action));
+    let share: Option<&Share> = cell
+        .predicted
+        .get(model)
+        .and_then(Option::as_ref)
+        .and_then(|shares| shares.get(action));
     match share {
         Some(share) => {
-            format!("{} ({})", percent(Some(share.mean)), percents(Some(share.q5), Some(share.q95)))
+            format!(
+                "{} ({})",
+                percent(Some(share.mean)),
+                percents(Some(share.q5), Some(share.q95))
+            )
         }
         None if cell.fitted => "–".to_owned(),
         None => "not fitted".to_owned(),
@@ -86,7 +93,11 @@ pub(super) fn checks(summary: &Summary) -> Option<Table> {
         ("95 % Wilson", Align::Numbers),
     ]);
     for row in &baseline.problems {
-        let label = summary.actions.iter().find(|action| action.id == row.optimal).map(|action| action.label.as_str());
+        let label = summary
+            .actions
+            .iter()
+            .find(|action| action.id == row.optimal)
+            .map(|action| action.label.as_str());
         table.row([
             row.label.clone(),
             label.unwrap_or(&row.optimal).to_owned(),
@@ -125,9 +136,17 @@ pub(super) fn ln_kl(accuracy: &Accuracy) -> Table {
                 format!("{}{mark}", cell.label),
                 count(cell.n),
                 model.label.to_owned(),
-                mean_sd(score.and_then(|score| score.mean), score.and_then(|score| score.sd), 2),
+                mean_sd(
+                    score.and_then(|score| score.mean),
+                    score.and_then(|score| score.sd),
+                    2,
+                ),
                 decimal(score.and_then(|score| score.median), 2),
-                interval(score.and_then(|score| score.q5), score.and_then(|score| score.q95), 2),
+                interval(
+                    score.and_then(|score| score.q5),
+                    score.and_then(|score| score.q95),
+                    2,
+                ),
                 score.map_or_else(|| "–".to_owned(), |score| count(score.zeros as u64)),
                 decimal(cell.reference, 2),
             ]);
@@ -154,7 +173,11 @@ pub(super) fn pooled(accuracy: &Accuracy, rows: &[PooledRow]) -> Table {
     for row in rows {
         let model = |id| {
             let score = score(&row.models, id);
-            mean_sd(score.and_then(|score| score.mean), score.and_then(|score| score.sd), 2)
+            mean_sd(
+                score.and_then(|score| score.mean),
+                score.and_then(|score| score.sd),
+                2,
+            )
         };
         table.row([
             row.label.clone(),
@@ -165,12 +188,26 @@ pub(super) fn pooled(accuracy: &Accuracy, rows: &[PooledRow]) -> Table {
             test(row.welch_t.as_ref()),
             count(row.left_out as u64),
         ]);
-        for paper in accuracy.paper.iter().filter(|paper| paper.label == row.label) {
-            let model = |score: Option<&PaperScore>| mean_sd(score.map(|score| score.mean), score.map(|score| score.sd), 1);
+        for paper in accuracy
+            .paper
+            .iter()
+            .filter(|paper| paper.label == row.label)
+        {
+            let model = |score: Option<&PaperScore>| {
+                mean_sd(
+                    score.map(|score| score.mean),
+                    score.map(|score| score.sd),
+                    1,
+                )
+            };
             let t = match (paper.t, paper.df, &paper.p) {
-                (Some(t), Some(df), Some(p)) => format!("t({df}) = {}, p {}", decimal(Some(t), 2), sign(p)),
+                (Some(t), Some(df), Some(p)) => {
+                    format!("t({df}) = {}, p {}", decimal(Some(t), 2), sign(p))
+                }
                 (Some(t), Some(df), None) => format!("t({df}) = {}", decimal(Some(t), 2)),
-                (Some(_), None, Some(_) | None) | (None, Some(_) | None, Some(_) | None) => "–".to_owned(),
+                (Some(_), None, Some(_) | None) | (None, Some(_) | None, Some(_) | None) => {
+                    "–".to_owned()
+                }
             };
             table.row([
                 row.label.clone(),
@@ -190,13 +227,25 @@ fn test(test: Option<&TTest>) -> String {
     let Some(test) = test else {
         return "–".to_owned();
     };
-    let df = if test.df.fract() == 0.0 { format!("{}", test.df) } else { format!("{:.1}", test.df) };
-    let p = if test.p < 0.001 { "< .001".to_owned() } else { format!("= {}", format!("{:.3}", test.p).trim_start_matches('0')) };
+    let df = if test.df.fract() == 0.0 {
+        format!("{}", test.df)
+    } else {
+        format!("{:.1}", test.df)
+    };
+    let p = if test.p < 0.001 {
+        "< .001".to_owned()
+    } else {
+        format!("= {}", format!("{:.3}", test.p).trim_start_matches('0'))
+    };
     format!("t({df}) = {}, p {p}", decimal(Some(test.t), 2))
 }
 
 fn sign(p: &str) -> String {
-    if p.starts_with(['<', '>', '=']) { p.to_owned() } else { format!("= {p}") }
+    if p.starts_with(['<', '>', '=']) {
+        p.to_owned()
+    } else {
+        format!("= {p}")
+    }
 }
 
 /// What each converged fit learned about each parameter.
@@ -212,7 +261,12 @@ pub(super) fn parameters(snapshot: &Snapshot) -> Table {
         ("Contraction", Align::Words),
     ]);
     for part in &snapshot.fits {
-        for (name, parameter) in part.converged().and_then(|report| report.summary.parameters.as_ref()).iter().flat_map(|all| all.iter()) {
+        for (name, parameter) in part
+            .converged()
+            .and_then(|report| report.summary.parameters.as_ref())
+            .iter()
+            .flat_map(|all| all.iter())
+        {
             table.row([
                 part.plan_label.clone(),
                 part.part_label.clone(),
@@ -258,9 +312,13 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
         fit.model_label.into(),
         state(fit.state),
         decimal(fit.rhat_max, 3).into(),
-        fit.ess_min.map_or_else(|| "–".to_owned(), |ess| count(ess.round() as u64)).into(),
+        fit.ess_min
+            .map_or_else(|| "–".to_owned(), |ess| count(ess.round() as u64))
+            .into(),
         fit.draws.map_or_else(|| "–".to_owned(), count).into(),
-        fit.seed.map_or_else(|| "–".to_owned(), |seed| seed.to_string()).into(),
+        fit.seed
+            .map_or_else(|| "–".to_owned(), |seed| seed.to_string())
+            .into(),
         fit.message.clone().unwrap_or_default().into(),
     ]
 }

@@ -202,8 +202,15 @@ impl Summary {
             },
             factors: study.factors().iter().map(factor).collect(),
             actions: actions(study.cells()),
-            cells: study.cells().iter().zip(counts).map(|(cell, counts)| cell_row(snapshot, cell, counts)).collect(),
-            checks: Checks { baseline: baseline(snapshot) },
+            cells: study
+                .cells()
+                .iter()
+                .zip(counts)
+                .map(|(cell, counts)| cell_row(snapshot, cell, counts))
+                .collect(),
+            checks: Checks {
+                baseline: baseline(snapshot),
+            },
             fits: snapshot.fits.iter().map(FitRow::new).collect(),
             plans: study
                 .plans()
@@ -248,7 +255,10 @@ fn factor(factor: &Factor) -> Labelled<Labels> {
         levels: factor
             .levels
             .iter()
-            .map(|level| Labels { id: level.id.to_string(), label: level.label.clone() })
+            .map(|level| Labels {
+                id: level.id.to_string(),
+                label: level.label.clone(),
+            })
             .collect(),
     }
 }
@@ -258,7 +268,10 @@ fn actions(cells: &[Cell]) -> Vec<Labels> {
     let mut found: Vec<Labels> = Vec::new();
     for action in cells.iter().flat_map(|cell| &cell.actions) {
         if !found.iter().any(|known| action.id == known.id.as_str()) {
-            found.push(Labels { id: action.id.to_string(), label: action.label.clone() });
+            found.push(Labels {
+                id: action.id.to_string(),
+                label: action.label.clone(),
+            });
         }
     }
     found
@@ -269,7 +282,11 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
     CellRow {
         id: cell.id.to_string(),
         label: cell.label.clone(),
-        levels: cell.levels.iter().map(|(factor, level)| (factor.to_string(), level.to_string())).collect(),
+        levels: cell
+            .levels
+            .iter()
+            .map(|(factor, level)| (factor.to_string(), level.to_string()))
+            .collect(),
         fitted: cell.fitted,
         n,
         before_exclusions: counts.before_exclusions,
@@ -281,7 +298,14 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
             .zip(&counts.actions)
             .map(|(action, &count)| {
                 let (share, low, high) = share(count, n);
-                ActionRow { id: action.id.to_string(), label: action.label.clone(), n: count, share, low, high }
+                ActionRow {
+                    id: action.id.to_string(),
+                    label: action.label.clone(),
+                    n: count,
+                    share,
+                    low,
+                    high,
+                }
             })
             .collect(),
         predicted: MODELS
@@ -297,12 +321,24 @@ fn predicted(snapshot: &Snapshot, cell: &Cell, model: &str) -> Option<OrderedMap
     let part = snapshot.fits.iter().find(|part| {
         part.plan == plan.id && part.model.id == model && part.cells.contains(&cell.id)
     })?;
-    let shares = part.converged()?.summary.predicted.as_ref()?.get(cell.id.as_str())?;
+    let shares = part
+        .converged()?
+        .summary
+        .predicted
+        .as_ref()?
+        .get(cell.id.as_str())?;
     Some(
         shares
             .iter()
             .map(|(action, share)| {
-                (action.to_owned(), Share { mean: share.mean, q5: share.q5, q95: share.q95 })
+                (
+                    action.to_owned(),
+                    Share {
+                        mean: share.mean,
+                        q5: share.q5,
+                        q95: share.q95,
+                    },
+                )
             })
             .collect(),
     )
@@ -319,7 +355,10 @@ fn baseline(snapshot: &Snapshot) -> Option<BaselineCheck> {
         .zip(&snapshot.counts.baseline)
         .map(|(question, counts)| {
             let position = question.problem.position(question.optimal.as_str());
-            let (n, n_optimal) = (counts.n(), position.map_or(0, |position| counts.actions[position]));
+            let (n, n_optimal) = (
+                counts.n(),
+                position.map_or(0, |position| counts.actions[position]),
+            );
             let (share, low, high) = share(n_optimal, n);
             BaselineRow {
                 id: question.question.to_string(),
@@ -336,7 +375,15 @@ fn baseline(snapshot: &Snapshot) -> Option<BaselineCheck> {
     let n = problems.iter().map(|row| row.n).sum();
     let n_optimal = problems.iter().map(|row| row.n_optimal).sum();
     let (share, low, high) = share(n_optimal, n);
-    Some(BaselineCheck { problems, n, n_optimal, share, low, high, paper: study.baseline_share() })
+    Some(BaselineCheck {
+        problems,
+        n,
+        n_optimal,
+        share,
+        low,
+        high,
+        paper: study.baseline_share(),
+    })
 }
 
 fn share(count: u64, n: u64) -> (Option<f64>, Option<f64>, Option<f64>) {

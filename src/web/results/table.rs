@@ -27,12 +27,21 @@ pub(super) enum Align {
 pub(super) enum Cell {
     Text(String),
     /// A state, marked by colour and shape as well as by its word.
-    State { id: &'static str, word: &'static str },
+    State {
+        id: &'static str,
+        word: &'static str,
+    },
 }
 
 impl Table {
     pub(super) fn new(columns: &[(&'static str, Align)]) -> Self {
-        Self { columns: columns.iter().map(|&(label, align)| Column { label, align }).collect(), rows: Vec::new() }
+        Self {
+            columns: columns
+                .iter()
+                .map(|&(label, align)| Column { label, align })
+                .collect(),
+            rows: Vec::new(),
+        }
     }
 
     pub(super) fn row(&mut self, cells: impl IntoIterator<Item = impl Into<Cell>>) {

@@ -28,28 +28,59 @@ impl Verdict {
     pub(super) fn new(snapshot: &Snapshot) -> Self {
         let (model, model_note) = model(snapshot);
         let (trust, trust_note) = trust(snapshot);
-        Self { model, model_note, trust, trust_note }
+        Self {
+            model,
+            model_note,
+            trust,
+            trust_note,
+        }
     }
 }
 
 fn model(snapshot: &Snapshot) -> (&'static str, String) {
-    let cells: Vec<Closer> = snapshot.fitted_cells().filter_map(|cell| closer(snapshot, cell)).collect();
+    let cells: Vec<Closer> = snapshot
+        .fitted_cells()
+        .filter_map(|cell| closer(snapshot, cell))
+        .collect();
     let compared = cells.len();
-    let aware = cells.iter().filter(|cell| matches!(cell, Closer::RiskAware)).count();
-    let noisy = cells.iter().filter(|cell| matches!(cell, Closer::NoisyRational)).count();
+    let aware = cells
+        .iter()
+        .filter(|cell| matches!(cell, Closer::RiskAware))
+        .count();
+    let noisy = cells
+        .iter()
+        .filter(|cell| matches!(cell, Closer::NoisyRational))
+        .count();
     if compared == 0 {
-        return ("Not known yet", "no cell has converged fits of both models".to_owned());
+        return (
+            "Not known yet",
+            "no cell has converged fits of both models".to_owned(),
+        );
     }
-    let note = |closer| format!("closer in {closer} of {compared} cells, no clear difference in the others");
+    let note = |closer| {
+        format!("closer in {closer} of {compared} cells, no clear difference in the others")
+    };
     match (aware, noisy) {
-        (0, 0) => ("No clear difference", format!("in {compared} of {compared} cells")),
-        (aware, 0) if aware == compared => (RISK_AWARE.label, format!("closer in {compared} of {compared} cells")),
+        (0, 0) => (
+            "No clear difference",
+            format!("in {compared} of {compared} cells"),
+        ),
+        (aware, 0) if aware == compared => (
+            RISK_AWARE.label,
+            format!("closer in {compared} of {compared} cells"),
+        ),
         (aware, 0) => (RISK_AWARE.label, note(aware)),
-        (0, noisy) if noisy == compared => (NOISY_RATIONAL.label, format!("closer in {compared} of {compared} cells")),
+        (0, noisy) if noisy == compared => (
+            NOISY_RATIONAL.label,
+            format!("closer in {compared} of {compared} cells"),
+        ),
         (0, noisy) => (NOISY_RATIONAL.label, note(noisy)),
         (aware, noisy) => (
             "It depends",
-            format!("of {compared} cells, {} is closer in {aware}, {} in {noisy}", RISK_AWARE.label, NOISY_RATIONAL.label),
+            format!(
+                "of {compared} cells, {} is closer in {aware}, {} in {noisy}",
+                RISK_AWARE.label, NOISY_RATIONAL.label
+            ),
         ),
     }
 }
@@ -58,7 +89,9 @@ fn model(snapshot: &Snapshot) -> (&'static str, String) {
 /// says nothing.
 fn closer(snapshot: &Snapshot, cell: &str) -> Option<Closer> {
     let interval = |model: &str| {
-        let ln_kl = &snapshot.accuracy(&snapshot.finest_plan().id, model, cell)?.ln_kl;
+        let ln_kl = &snapshot
+            .accuracy(&snapshot.finest_plan().id, model, cell)?
+            .ln_kl;
         Some((ln_kl.q5, ln_kl.q95))
     };
     let (aware, noisy) = (interval(RISK_AWARE.id)?, interval(NOISY_RATIONAL.id)?);
@@ -76,11 +109,20 @@ fn closer(snapshot: &Snapshot, cell: &str) -> Option<Closer> {
 
 fn trust(snapshot: &Snapshot) -> (&'static str, String) {
     let all = snapshot.fits.len();
-    let with = |state: PartState| snapshot.fits.iter().filter(|part| part.state == state).count();
+    let with = |state: PartState| {
+        snapshot
+            .fits
+            .iter()
+            .filter(|part| part.state == state)
+            .count()
+    };
     let converged = with(PartState::Converged);
     let note = format!("{converged} of {all} fits converged");
     if with(PartState::Failed) > 0 {
-        return ("No", format!("{} of {all} fits failed", with(PartState::Failed)));
+        return (
+            "No",
+            format!("{} of {all} fits failed", with(PartState::Failed)),
+        );
     }
     if converged == all {
         ("Yes", note)

@@ -1,0 +1,10 @@
+//! The database: what is stored of a run, what is counted, and what survives.
+
+mod checks;
+mod commit;
+mod fits;
+mod lab;
+mod opening;
+mod reading;
+mod runs;
+mod withdrawal;

@@ -1,0 +1,146 @@
+//! Fits and their history.
+
+use riskaware::store::{Error, FitKey, FitOutcome, FitState, NewFit, Population};
+use riskaware::study::StudyId;
+
+use super::lab::Lab;
+
+fn fit(lab: &Lab, part: &str, outcome: FitOutcome) -> NewFit {
+    NewFit {
+        study: StudyId::from("driving"),
+        population: Population::People,
+        key: FitKey {
+            plan: "risk".into(),
+            part: part.into(),
+            model: "risk_aware".to_owned(),
+        },
+        input_hash: "of the counts".to_owned(),
+        data_version: 3,
+        version: lab.driving,
+        seed: u64::MAX - 1,
+        attempts: 1,
+        outcome,
+        draws: Some(vec![1, 2, 3]),
+        cpu_ms: 40,
+    }
+}
+
+#[tokio::test]
+async fn the_newest_converged_fit_is_shown_and_the_newest_of_all_is_known() {
+    let lab = Lab::open().await;
+    let (driving, cups) = (StudyId::from("driving"), StudyId::from("cups"));
+    let mut changes = lab.store.subscribe();
+    let good = lab
+        .store
+        .save_fit(fit(&lab, "low", FitOutcome::Converged("{}".to_owned())))
+        .await
+        .unwrap();
+    let change = changes.recv().await.unwrap();
+    assert_eq!(
+        (change.study, change.data_version, change.page_version),
+        (driving.clone(), 0, 2)
+    );
+    let high = lab
+        .store
+        .save_fit(fit(&lab, "high", FitOutcome::Unconverged("{}".to_owned())))
+        .await
+        .unwrap();
+    let failed = NewFit {
+        draws: None,
+        ..fit(&lab, "low", FitOutcome::Failed("no counts".to_owned()))
+    };
+    let failed = lab.store.save_fit(failed).await.unwrap();
+    let other = NewFit {
+        study: cups.clone(),
+        version: lab.cups,
+        ..fit(&lab, "low", FitOutcome::Converged("{}".to_owned()))
+    };
+    let other = lab.store.save_fit(other).await.unwrap();
+
+    let ids =
+        |fits: Vec<riskaware::store::Fit>| fits.into_iter().map(|fit| fit.id).collect::<Vec<_>>();
+    assert_eq!(
+        ids(lab
+            .store
+            .latest_fits(&driving, Population::People)
+            .await
+            .unwrap()),
+        [high, failed]
+    );
+    assert_eq!(
+        ids(lab
+            .store
+            .shown_fits(&driving, Population::People)
+            .await
+            .unwrap()),
+        [good]
+    );
+    assert_eq!(
+        ids(lab
+            .store
+            .shown_fits(&driving, Population::Simulated)
+            .await
+            .unwrap()),
+        []
+    );
+    assert_eq!(
+        ids(lab
+            .store
+            .shown_fits(&cups, Population::People)
+            .await
+            .unwrap()),
+        [other]
+    );
+    let history = |before, limit| {
+        lab.store
+            .fit_history(&driving, Population::People, before, limit)
+    };
+    assert_eq!(ids(history(None, 2).await.unwrap()), [failed, high]);
+    assert_eq!(ids(history(Some(high), 2).await.unwrap()), [good]);
+
+    let stored = lab
+        .store
+        .fit(&driving, Population::People, good)
+        .await
+        .unwrap();
+    assert_eq!(
+        (stored.seed, stored.outcome.state()),
+        (u64::MAX - 1, FitState::Converged)
+    );
+    assert_eq!(lab.store.fit_draws(good).await.unwrap(), [1, 2, 3]);
+    assert!(matches!(
+        lab.store.fit_draws(failed).await,
+        Err(Error::NotFound("draws"))
+    ));
+    assert!(matches!(
+        lab.store.fit(&cups, Population::People, good).await,
+        Err(Error::NotFound("fit"))
+    ));
+}
+
+#[tokio::test]
+async fn history_is_bounded_and_never_drops_what_is_shown() {
+    let lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    let shown = lab
+        .store
+        .save_fit(fit(&lab, "low", FitOutcome::Converged("{}".to_owned())))
+        .await
+        .unwrap();
+    let mut later = tokio::task::JoinSet::new();
+    for _ in 0..230 {
+        let (store, fit) = (
+            lab.store.clone(),
+            fit(&lab, "low", FitOutcome::Unconverged("{}".to_owned())),
+        );
+        later.spawn(async move { store.save_fit(fit).await.unwrap() });
+    }
+    later.join_all().await;
+    let history = lab
+        .store
+        .fit_history(&driving, Population::People, None, 1_000)
+        .await
+        .unwrap();
+    assert_eq!(history.len(), 201);
+    assert_eq!(history.last().unwrap().id, shown);
+}
