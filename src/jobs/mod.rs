@@ -1,9 +1,29 @@
-//! Work behind the pages.
+//! Work behind the pages: the studies that are served, refits, and the closing of questions whose time ran out.
+//!
+//! In reading order:
+//!
+//! * [`Catalogue`]: every stored version of every study, parsed once;
+//! * [`StudyCounts`]: what was chosen, in the study's own order;
+//! * `fit_input`: what a fit depends on, its hash and its seed;
+//! * [`FitReport`]: what is stored of a fit;
+//! * [`refit`], [`closing`]: the two background tasks;
+//! * [`Snapshot`]: all that a results page says about a study, at one moment.
+//!
+//! Every fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
+//! the hashes alone, also after a restart.
 
 mod catalogue;
 pub mod closing;
+mod counts;
+mod fit_input;
+mod fit_report;
+pub mod refit;
+mod snapshot;
 
 pub use catalogue::{Catalogue, CatalogueError};
+pub use counts::{QuestionCounts, StudyCounts};
+pub use fit_report::FitReport;
+pub use snapshot::{PartFit, PartState, Snapshot, Version};
 
 use std::sync::Arc;
 
@@ -14,10 +34,22 @@ use crate::store::{Population, Store};
 /// Starts the background work; the future completes once all of it has ended after `stop`.
 pub fn start(
     store: &Store,
-    _catalogue: &Arc<Catalogue>,
-    _population: Population,
+    catalogue: &Arc<Catalogue>,
+    population: Population,
     stop: &CancellationToken,
 ) -> impl Future<Output = ()> + use<> {
+    let refits = tokio::spawn(refit::run(
+        store.clone(),
+        catalogue.clone(),
+        population,
+        stop.clone(),
+    ));
     let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
-    async move { drop(closing.await) }
+    async move {
+        for (task, ended) in [("refits", refits.await), ("closing", closing.await)] {
+            if let Err(error) = ended {
+                tracing::error!(task, %error, "a background task ended badly");
+            }
+        }
+    }
 }

@@ -23,6 +23,7 @@ mod draw;
 mod error;
 mod file;
 mod id;
+mod instructed;
 mod markup;
 mod parse;
 mod plan;
@@ -38,6 +39,7 @@ pub use definition::{
 pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;
 pub use id::{ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, StudyId};
+pub use instructed::InstructedItem;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };

@@ -26,8 +26,11 @@ pub enum Error {
     /// The request could not be understood; the text names what, and what is allowed.
     #[error("{0}")]
     BadRequest(String),
+    /// The body is in another form than the address takes.
+    #[error("the body must be JSON, sent with the header `content-type: application/json`")]
+    UnsupportedMediaType,
     /// More than any form or call needs.
-    #[error("the request is larger than {} KiB, which is the most that is taken", super::BODY_LIMIT / 1024)]
+    #[error("the body is too large; allowed: {} KiB", super::BODY_LIMIT / 1024)]
     TooLarge,
     /// Understood, but a value is not allowed.
     #[error("{0}")]
@@ -53,6 +56,7 @@ impl Error {
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::Forbidden(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
+            Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
             Self::Unprocessable(_) => StatusCode::UNPROCESSABLE_ENTITY,
             Self::Conflict(_) => StatusCode::CONFLICT,

@@ -2,12 +2,15 @@
 //!
 //! Each area owns a `router()`; this module joins them and puts the common layers around.
 
+mod api;
 pub mod assets;
 mod error;
+mod events;
 mod guard;
 mod headers;
 mod home;
 mod participant;
+mod results;
 mod server;
 
 use std::{net::SocketAddr, sync::Arc, time::Duration};
@@ -83,10 +86,13 @@ impl Settings {
 pub struct Peer(pub SocketAddr);
 
 fn router(state: AppState, address: SocketAddr) -> Router {
-    let results = Router::new().layer(middleware::from_fn_with_state(
-        (state.settings.clone(), address),
-        guard::results,
-    ));
+    let results = Router::new()
+        .merge(results::router())
+        .merge(api::router())
+        .layer(middleware::from_fn_with_state(
+            (state.settings.clone(), address),
+            guard::results,
+        ));
     Router::new()
         .route("/healthz", get(health))
         .merge(home::router())

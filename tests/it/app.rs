@@ -1,6 +1,6 @@
 //! The real server on a port of its own and a database file of its own, and people who talk to it over HTTP.
 
-use std::{net::SocketAddr, path::PathBuf, sync::Arc};
+use std::{net::SocketAddr, sync::Arc};
 
 use reqwest::{Client, Response, StatusCode};
 use riskaware::{
@@ -23,7 +23,6 @@ pub struct App {
     pub client: Client,
     pub store: Store,
     pub clock: Clock,
-    pub database: PathBuf,
     stop: CancellationToken,
     server: JoinHandle<std::io::Result<()>>,
     _folder: tempfile::TempDir,
@@ -64,7 +63,6 @@ impl App {
             client: Client::new(),
             store,
             clock,
-            database,
             stop,
             server,
             _folder: folder,

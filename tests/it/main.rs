@@ -1,9 +1,13 @@
 //! The integration tests, one module per feature.
 
+mod api;
 mod app;
 mod architecture;
 mod crash;
+mod crowd;
 mod fit;
+mod refit;
+mod results;
 mod store;
 mod study;
 mod survey;

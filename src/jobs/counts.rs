@@ -1,0 +1,109 @@
+//! What was chosen, question by question, in the study's own order.
+
+use crate::{
+    store::{AnalysisSet, AnswerStatus, AskedProblem, CellCount},
+    study::{ActionId, Include, Study},
+};
+
+/// How often each action of one question was chosen.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct QuestionCounts {
+    /// Answers of the analysis set by action, in the order of the question's actions.
+    pub actions: Vec<u64>,
+    /// Answers that came after limit and grace; never counted as choices.
+    pub late: u64,
+    /// Questions whose time ran out without an answer.
+    pub timed_out: u64,
+    /// Valid answers before the study's rule of inclusion was applied.
+    pub before_exclusions: u64,
+}
+
+impl QuestionCounts {
+    /// Answers of the analysis set.
+    pub fn n(&self) -> u64 {
+        self.actions.iter().sum()
+    }
+}
+
+/// The counts of all questions that are analysed.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct StudyCounts {
+    /// One entry per cell of [`Study::cells`].
+    pub cells: Vec<QuestionCounts>,
+    /// One entry per question of [`Study::baseline`].
+    pub baseline: Vec<QuestionCounts>,
+}
+
+impl StudyCounts {
+    /// Sorts stored counts into the questions of this version of the study. Counts of questions that the version no
+    /// longer asks, or asks with other outcomes, stay out.
+    pub fn new(study: &Study, stored: &[CellCount]) -> Self {
+        let cells = study
+            .cells()
+            .iter()
+            .map(|cell| {
+                let actions: Vec<&ActionId> =
+                    cell.actions.iter().map(|action| &action.id).collect();
+                let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+                count(analysis_set(study), &asked, &actions, stored)
+            })
+            .collect();
+        let baseline = study
+            .baseline()
+            .iter()
+            .map(|question| {
+                let name = format!("{}:{}", question.block, question.question);
+                let actions: Vec<ActionId> = question.problem.names().map(ActionId::from).collect();
+                let asked = AskedProblem::new(name, Some(&question.problem));
+                count(
+                    analysis_set(study),
+                    &asked,
+                    &actions.iter().collect::<Vec<_>>(),
+                    stored,
+                )
+            })
+            .collect();
+        Self { cells, baseline }
+    }
+}
+
+/// Whose answers the study analyses.
+pub(super) fn analysis_set(study: &Study) -> AnalysisSet {
+    match study.include() {
+        Include::All => AnalysisSet::All,
+        Include::Completed => AnalysisSet::Completed,
+    }
+}
+
+fn count(
+    set: AnalysisSet,
+    asked: &AskedProblem,
+    actions: &[&ActionId],
+    stored: &[CellCount],
+) -> QuestionCounts {
+    let mut counts = QuestionCounts {
+        actions: vec![0; actions.len()],
+        ..QuestionCounts::default()
+    };
+    for row in stored
+        .iter()
+        .filter(|row| row.cell == asked.cell && row.hash == asked.hash)
+    {
+        let n = row.n(set);
+        match row.status {
+            AnswerStatus::Answered => {
+                if let Some(position) = actions
+                    .iter()
+                    .position(|action| Some(*action) == row.action.as_ref())
+                {
+                    counts.actions[position] += n;
+                    counts.before_exclusions += row.n_all;
+                }
+            }
+            AnswerStatus::Late => counts.late += n,
+            AnswerStatus::TimedOut => counts.timed_out += n,
+            AnswerStatus::Skipped => {}
+        }
+    }
+    counts
+}

@@ -1,0 +1,136 @@
+//! What is stored of a fit, as JSON and as a blob of draws.
+
+use serde::{Deserialize, Serialize};
+
+use super::fit_input::FitInput;
+use crate::{
+    inference::{
+        Draws, Fit, FitSummary, Quantity,
+        accuracy::CellAccuracy,
+        curves::{Curves, curves},
+    },
+    model::{ChoiceProblem, OrderedMap},
+    store::{self, FitOutcome},
+};
+
+/// A fit as it is stored: what it was fitted to, and what it says. A fit that has not converged says nothing but its
+/// diagnostics.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct FitReport {
+    /// The problems by cell.
+    pub problems: OrderedMap<ChoiceProblem>,
+    /// How often each action of each problem was chosen.
+    pub counts: Vec<Vec<u64>>,
+    /// Parameters, predictions and diagnostics.
+    pub summary: FitSummary,
+    /// ln KL in each cell with answers, with the samples that pooled tests need.
+    pub accuracy: Vec<CellAccuracy>,
+    /// Value and weighting.
+    pub curves: Option<Curves>,
+    /// What the columns of the stored draws are.
+    pub quantities: Vec<Quantity>,
+}
+
+impl FitReport {
+    /// The report of a finished fit.
+    pub(super) fn new(input: &FitInput, fit: &Fit) -> Self {
+        let is_converged = fit.summary.converged;
+        Self {
+            problems: input.problems(),
+            counts: input.data.totals().to_vec(),
+            summary: fit.summary.shown(),
+            accuracy: if is_converged {
+                fit.accuracy.clone()
+            } else {
+                Vec::new()
+            },
+            curves: if is_converged {
+                curves(input.data.problems(), &[fit])
+            } else {
+                None
+            },
+            quantities: fit
+                .draws
+                .columns
+                .iter()
+                .map(|(quantity, _)| *quantity)
+                .collect(),
+        }
+    }
+
+    /// The report of a stored fit; `None` for a failed one, and for one that another version of the program wrote in
+    /// another form.
+    pub fn read(fit: &store::Fit) -> Option<Self> {
+        let text = match &fit.outcome {
+            FitOutcome::Converged(text) | FitOutcome::Unconverged(text) => text,
+            FitOutcome::Failed(_) => return None,
+        };
+        match serde_json::from_str(text) {
+            Ok(report) => Some(report),
+            Err(error) => {
+                tracing::debug!(fit = fit.id.get(), %error, "a stored fit has another form");
+                None
+            }
+        }
+    }
+
+    /// The stored draws of this fit; `None` if they are not of the announced size.
+    pub fn draws(&self, blob: &[u8]) -> Option<Draws> {
+        let (chains, per_chain) = (self.summary.chains, self.summary.draws);
+        let length = chains * per_chain;
+        let (bytes, rest) = blob.as_chunks::<8>();
+        if !rest.is_empty() || length == 0 || bytes.len() != length * self.quantities.len() {
+            return None;
+        }
+        let values: Vec<f64> = bytes
+            .iter()
+            .map(|bytes| f64::from_le_bytes(*bytes))
+            .collect();
+        let columns = self
+            .quantities
+            .iter()
+            .copied()
+            .zip(values.chunks_exact(length).map(<[f64]>::to_vec))
+            .collect();
+        Some(Draws {
+            chains,
+            per_chain,
+            columns,
+        })
+    }
+
+    /// The largest R̂ over parameters and predictions; `None` where nothing moved.
+    pub fn rhat_max(&self) -> Option<f64> {
+        self.diagnostics(|quantity| quantity.rhat)
+            .max_by(f64::total_cmp)
+    }
+
+    /// The smallest effective sample size, bulk or tail, over parameters and predictions.
+    pub fn ess_min(&self) -> Option<f64> {
+        self.diagnostics(|quantity| quantity.ess_bulk.min(quantity.ess_tail))
+            .min_by(f64::total_cmp)
+    }
+
+    fn diagnostics(
+        &self,
+        of: impl Fn(&crate::inference::QuantityDiagnostics) -> f64,
+    ) -> impl Iterator<Item = f64> {
+        let diagnostics = &self.summary.diagnostics;
+        let all = diagnostics
+            .parameters
+            .iter()
+            .chain(diagnostics.predicted.iter());
+        all.map(move |(_, quantity)| of(quantity))
+            .filter(|value| value.is_finite())
+    }
+}
+
+/// Draws as little-endian numbers, column after column.
+pub(super) fn blob(draws: &Draws) -> Vec<u8> {
+    draws
+        .columns
+        .iter()
+        .flat_map(|(_, values)| values)
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
+}

@@ -1,0 +1,241 @@
+//! All that a results page says about a study, read at one moment.
+
+use std::sync::Arc;
+
+use serde::Serialize;
+
+use super::{Catalogue, FitReport, StudyCounts, counts::analysis_set, fit_input::FitInput};
+use crate::{
+    inference::accuracy::CellAccuracy,
+    model::ChoiceModel,
+    store::{AnalysisSet, Error, Fit, FitOutcome, FitState, Population, Store, Totals},
+    study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
+};
+
+/// Which data and which fits are shown. Each number moves when its half changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Version {
+    /// Moves with every change of the data.
+    pub data_version: i64,
+    /// Moves with every new fit.
+    pub fit_version: i64,
+}
+
+impl Version {
+    /// The version from the two numbers of the store. What moves the page without moving the data is a fit, or a change of
+    /// the study file, after which fits are read anew as well.
+    pub fn new(data_version: i64, page_version: i64) -> Self {
+        Self {
+            data_version,
+            fit_version: page_version - data_version,
+        }
+    }
+}
+
+impl From<&Totals> for Version {
+    fn from(totals: &Totals) -> Self {
+        Self::new(totals.data_version, totals.page_version)
+    }
+}
+
+/// The state of a study's data and fits.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// The current version of the study.
+    pub study: Arc<Study>,
+    /// Of whom.
+    pub population: Population,
+    /// Which data and fits.
+    pub version: Version,
+    /// Who took part.
+    pub people: Totals,
+    /// What they chose.
+    pub counts: StudyCounts,
+    /// Every part of every plan with every model, in file order.
+    pub fits: Vec<PartFit>,
+}
+
+/// One model's fit to one part of a plan.
+#[derive(Debug, Clone)]
+pub struct PartFit {
+    /// The plan.
+    pub plan: PlanId,
+    /// The plan's text on pages.
+    pub plan_label: String,
+    /// The part.
+    pub part: PartId,
+    /// The part's text on pages.
+    pub part_label: String,
+    /// The cells that it is fitted to.
+    pub cells: Vec<CellId>,
+    /// The model.
+    pub model: &'static ChoiceModel,
+    /// How far it is.
+    pub state: PartState,
+    /// The latest stored fit of the problems as they are now.
+    pub fit: Option<Fit>,
+    /// What that fit found.
+    report: Option<Arc<FitReport>>,
+    /// Newer answers wait to be fitted.
+    pub is_behind: bool,
+}
+
+/// How far the fit of a part is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PartState {
+    /// Nobody has answered yet.
+    Waiting,
+    /// There are answers, and the first fit to them is under way.
+    Running,
+    /// Shown as a result.
+    Converged,
+    /// Shown as a state only.
+    Unconverged,
+    /// Broke off with a message.
+    Failed,
+}
+
+impl PartState {
+    /// Its name in JSON.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Waiting => "waiting",
+            Self::Running => "running",
+            Self::Converged => "converged",
+            Self::Unconverged => "unconverged",
+            Self::Failed => "failed",
+        }
+    }
+}
+
+impl Snapshot {
+    /// Reads the study's counters and latest fits; `None` for a study that is not served.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn read(
+        store: &Store,
+        catalogue: &Catalogue,
+        population: Population,
+        id: &StudyId,
+    ) -> Result<Option<Self>, Error> {
+        let Some((_, study)) = catalogue.current(id) else {
+            return Ok(None);
+        };
+        let people = store.totals(id, population).await?;
+        let counts = StudyCounts::new(&study, &store.cell_counts(id, population).await?);
+        let stored = store.latest_fits(id, population).await?;
+        let fits = FitInput::all(&study, &counts)
+            .into_iter()
+            .map(|input| {
+                let fit = stored.iter().find(|fit| input.is_of(fit)).cloned();
+                PartFit::new(&study, &input, fit)
+            })
+            .collect();
+        Ok(Some(Self {
+            version: Version::from(&people),
+            study,
+            population,
+            people,
+            counts,
+            fits,
+        }))
+    }
+
+    /// Whose answers the study analyses.
+    pub fn analysis_set(&self) -> AnalysisSet {
+        analysis_set(&self.study)
+    }
+
+    /// The plan with the most parts: the closest to fitting each cell alone, which is the paper's way.
+    pub fn finest_plan(&self) -> &FitPlan {
+        let plans = self.study.plans();
+        // The first of those with equally many parts.
+        plans
+            .iter()
+            .rev()
+            .max_by_key(|plan| plan.parts.len())
+            .unwrap_or(&plans[0])
+    }
+
+    /// The ids of the fitted cells, in file order.
+    pub fn fitted_cells(&self) -> impl Iterator<Item = &str> {
+        self.study
+            .cells()
+            .iter()
+            .filter(|cell| cell.fitted)
+            .map(|cell| cell.id.as_str())
+    }
+
+    /// How a plan's converged fit does on a cell.
+    pub fn accuracy(&self, plan: &PlanId, model: &str, cell: &str) -> Option<&CellAccuracy> {
+        self.fits
+            .iter()
+            .filter(|part| part.plan == *plan && part.model.id == model)
+            .find_map(|part| {
+                part.converged()?
+                    .accuracy
+                    .iter()
+                    .find(|scored| scored.problem == cell)
+            })
+    }
+}
+
+impl PartFit {
+    fn new(study: &Study, input: &FitInput, fit: Option<Fit>) -> Self {
+        let report = fit.as_ref().and_then(FitReport::read).map(Arc::new);
+        // A fit of other problems (the study file was changed) says nothing about the ones asked now.
+        let is_of_these_problems = report
+            .as_ref()
+            .is_none_or(|report| report.problems == input.problems());
+        let (fit, report) = if is_of_these_problems {
+            (fit, report)
+        } else {
+            (None, None)
+        };
+        let plan_label = study
+            .plans()
+            .iter()
+            .find(|plan| plan.id == input.plan)
+            .map(|plan| plan.label.clone());
+        Self {
+            plan: input.plan.clone(),
+            plan_label: plan_label.unwrap_or_default(),
+            part: input.part.clone(),
+            part_label: input.label.clone(),
+            cells: input.cells.clone(),
+            model: input.model,
+            state: match fit.as_ref().map(|fit| fit.outcome.state()) {
+                None if input.data.n() == 0 => PartState::Waiting,
+                None => PartState::Running,
+                Some(FitState::Converged) => PartState::Converged,
+                Some(FitState::Unconverged) => PartState::Unconverged,
+                Some(FitState::Failed) => PartState::Failed,
+            },
+            is_behind: input.data.n() > 0
+                && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
+            fit,
+            report,
+        }
+    }
+
+    /// Why the fit is not shown, if it was tried.
+    pub fn message(&self) -> Option<String> {
+        match &self.fit.as_ref()?.outcome {
+            FitOutcome::Converged(_) => None,
+            FitOutcome::Unconverged(_) => Some("the chains do not agree yet".to_owned()),
+            FitOutcome::Failed(message) => Some(message.clone()),
+        }
+    }
+
+    /// What is stored of the fit.
+    pub fn report(&self) -> Option<&FitReport> {
+        self.report.as_deref()
+    }
+
+    /// What is stored of the fit, if it converged.
+    pub fn converged(&self) -> Option<&FitReport> {
+        self.report().filter(|report| report.summary.converged)
+    }
+}

@@ -1,0 +1,184 @@
+//! `curves.json`: what each converged fit says about value and probability (models.md, section 8).
+
+use serde::Serialize;
+
+use crate::{
+    inference::curves::{Curve, Curves as Fitted},
+    jobs::{PartFit, Snapshot},
+    model::OrderedMap,
+    study::{PlanId, RewardUnit},
+    web::results::format::rfc3339,
+};
+
+/// The curves of all plans.
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct Curves {
+    pub data_version: i64,
+    pub fit_version: i64,
+    /// Draws per fit, where all fits keep equally many.
+    pub draws: Option<u64>,
+    /// When the latest of the fits was made.
+    pub at: Option<String>,
+    pub plans: Vec<PartCurves>,
+}
+
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct PartCurves {
+    pub plan: String,
+    pub part: String,
+    pub label: String,
+    /// Only models whose fit has converged.
+    pub models: OrderedMap<ModelCurves>,
+}
+
+/// The curves of one fit.
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct ModelCurves {
+    pub seed: u64,
+    /// w⁺ over probability; null for a model that takes probabilities as they are.
+    pub weighting_gain: Option<Series>,
+    /// w⁻ over probability.
+    pub weighting_loss: Option<Series>,
+    /// The normalised decision weight of the study's risky outcome over its true probability.
+    pub decision_weight: Option<DecisionWeight>,
+    /// θ·v(R) over reward.
+    pub value_logits: Series,
+    /// v(R)/|v(R_ref)| over reward.
+    pub value_shape: Series,
+    /// Each action against the sure one, in logits.
+    pub gaps: Vec<Gap>,
+}
+
+/// One curve, column by column.
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct Series {
+    pub x: Vec<f64>,
+    pub mean: Vec<f64>,
+    pub q5: Vec<f64>,
+    pub q25: Vec<f64>,
+    pub q75: Vec<f64>,
+    pub q95: Vec<f64>,
+    pub prior_mean: Vec<f64>,
+}
+
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct DecisionWeight {
+    /// Which outcome, with its reward.
+    pub label: String,
+    /// What limits the reading of the curve.
+    pub note: Option<&'static str>,
+    #[serde(flatten)]
+    pub series: Series,
+}
+
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct Gap {
+    pub cell: String,
+    pub action: String,
+    pub than: String,
+    pub mean: f64,
+    pub q5: f64,
+    pub q95: f64,
+}
+
+impl Curves {
+    /// The curves of one plan, or of all.
+    pub(in crate::web) fn new(snapshot: &Snapshot, plan: Option<&PlanId>) -> Self {
+        let fits: Vec<&PartFit> = snapshot
+            .fits
+            .iter()
+            .filter(|part| plan.is_none_or(|plan| part.plan == *plan))
+            .collect();
+        let unit = snapshot.study.reward_unit();
+        let mut plans: Vec<PartCurves> = Vec::new();
+        // Models of one part stand next to each other.
+        for of_part in
+            fits.chunk_by(|left, right| left.plan == right.plan && left.part == right.part)
+        {
+            plans.push(PartCurves {
+                plan: of_part[0].plan.to_string(),
+                part: of_part[0].part.to_string(),
+                label: of_part[0].part_label.clone(),
+                models: of_part
+                    .iter()
+                    .filter_map(|part| model(part, unit))
+                    .collect(),
+            });
+        }
+        let mut draws = fits.iter().filter_map(|part| {
+            let summary = &part.converged()?.summary;
+            Some((summary.chains * summary.draws) as u64)
+        });
+        let first = draws.next();
+        Self {
+            data_version: snapshot.version.data_version,
+            fit_version: snapshot.version.fit_version,
+            draws: first.filter(|first| draws.all(|other| other == *first)),
+            at: fits
+                .iter()
+                .filter_map(|part| Some(part.fit.as_ref()?.created_at))
+                .max()
+                .map(rfc3339),
+            plans,
+        }
+    }
+}
+
+fn model(part: &PartFit, unit: &RewardUnit) -> Option<(String, ModelCurves)> {
+    let fitted = part.converged()?.curves.as_ref()?;
+    let curves = ModelCurves {
+        seed: part.fit.as_ref()?.seed,
+        weighting_gain: fitted.weighting_gains.as_ref().map(series),
+        weighting_loss: fitted.weighting_losses.as_ref().map(series),
+        decision_weight: decision_weight(fitted, unit),
+        value_logits: series(&fitted.value_logits),
+        value_shape: series(&fitted.value_shape),
+        gaps: fitted
+            .gaps
+            .iter()
+            .map(|gap| Gap {
+                cell: gap.problem.clone(),
+                action: gap.action.clone(),
+                than: gap.than.clone(),
+                mean: gap.logits.mean,
+                q5: gap.logits.q5,
+                q95: gap.logits.q95,
+            })
+            .collect(),
+    };
+    Some((part.model.id.to_owned(), curves))
+}
+
+/// The risky outcome is the first whose size is largest; a study has one as a rule.
+fn decision_weight(fitted: &Fitted, unit: &RewardUnit) -> Option<DecisionWeight> {
+    let risky = fitted
+        .risky_weights
+        .iter()
+        .rev()
+        .max_by(|a, b| a.reward.abs().total_cmp(&b.reward.abs()))?;
+    Some(DecisionWeight {
+        label: format!(
+            "{} or else {}",
+            unit.format(risky.reward),
+            unit.format(risky.otherwise)
+        ),
+        note: fitted
+            .gains_through_normalisation_only
+            .then_some("γ enters through the normalisation only"),
+        series: series(&risky.curve),
+    })
+}
+
+fn series(curve: &Curve) -> Series {
+    let column =
+        |of: fn(&crate::inference::curves::Band) -> f64| curve.bands.iter().map(of).collect();
+    Series {
+        x: curve.x.clone(),
+        mean: column(|band| band.mean),
+        q5: column(|band| band.q5),
+        q25: column(|band| band.q25),
+        q75: column(|band| band.q75),
+        q95: column(|band| band.q95),
+        prior_mean: column(|band| band.prior),
+    }
+}

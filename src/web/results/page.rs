@@ -1,0 +1,387 @@
+//! The results page: every number as text, so that it can be read without scripts.
+
+use askama::Template;
+use askama_web::WebTemplate;
+
+use super::{
+    Accuracy, Curves, Summary,
+    curves::{PartCurves, Series},
+    format::{count, decimal, interval, percent},
+    page_tables as tables,
+    table::{Align, Cell, Table},
+};
+use crate::{
+    jobs::{PartState, Snapshot},
+    model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
+    store::{Error, Store},
+    web::assets,
+};
+
+/// Rows of a curve's table.
+const CURVE_ROWS: usize = 11;
+
+#[derive(Template, WebTemplate)]
+#[template(path = "results/study.html")]
+pub(super) struct ResultsPage {
+    study: String,
+    title: String,
+    simulated: bool,
+    people: [String; 4],
+    answers: [String; 4],
+    verdict: super::verdict::Verdict,
+    plan: String,
+    exclusions: Table,
+    figures: Figures,
+    checks: Option<Checks>,
+    pooled: Table,
+    smoothed: Table,
+    attention: Vec<Attention>,
+    notes: Vec<String>,
+    failures: u64,
+    parameters: Table,
+    fits: Table,
+}
+
+struct Figures {
+    actions: Figure,
+    weighting: Figure,
+    weight_of_risk: Figure,
+    value: Figure,
+    value_shape: Figure,
+    accuracy: Figure,
+}
+
+/// A figure that a script draws, with the table that holds its numbers.
+struct Figure {
+    kind: &'static str,
+    title: &'static str,
+    subtitle: &'static str,
+    /// Which plan's curves come first.
+    plan: Option<String>,
+    caption: String,
+    table: Table,
+}
+
+struct Checks {
+    share: String,
+    interval: String,
+    n: String,
+    paper: Option<String>,
+    table: Table,
+}
+
+/// How people did on an item that asks for one certain answer.
+pub(super) struct Attention {
+    label: String,
+    n: String,
+    as_asked: String,
+}
+
+impl ResultsPage {
+    pub(super) fn new(snapshot: &Snapshot, attention: Vec<Attention>) -> Self {
+        let summary = Summary::new(snapshot);
+        let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
+        let curves = Curves::new(snapshot, None);
+        let curve_plan = curve_plan(snapshot);
+        let (people, answers) = (&summary.people, &summary.answers);
+        Self {
+            study: summary.study.id.clone(),
+            title: summary.study.title.clone(),
+            simulated: summary.simulated,
+            people: [
+                people.completed,
+                people.started,
+                people.withdrawn,
+                people.declined,
+            ]
+            .map(count),
+            answers: [
+                answers.counted,
+                answers.late,
+                answers.timed_out,
+                answers.before_exclusions,
+            ]
+            .map(count),
+            plan: accuracy.plan_label.clone(),
+            exclusions: tables::exclusions(&summary),
+            figures: figures(&summary, &accuracy, &curves, &curve_plan),
+            checks: checks(&summary),
+            pooled: tables::pooled(&accuracy, &accuracy.pooled),
+            smoothed: tables::pooled(&accuracy, &accuracy.pooled_smoothed),
+            attention,
+            notes: notes(snapshot),
+            failures: snapshot
+                .fits
+                .iter()
+                .filter(|part| part.state == PartState::Failed)
+                .count() as u64,
+            parameters: tables::parameters(snapshot),
+            fits: tables::fits(&summary),
+            verdict: summary.verdict,
+        }
+    }
+}
+
+/// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.
+fn curve_plan(snapshot: &Snapshot) -> String {
+    let plans = snapshot.study.plans();
+    let split = plans
+        .iter()
+        .filter(|plan| plan.parts.len() > 1)
+        .min_by_key(|plan| plan.parts.len());
+    split.unwrap_or(&plans[0]).id.to_string()
+}
+
+fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) -> Figures {
+    let source = format!(
+        "n = {} answers of {} people who finished · data version {}, fit version {}",
+        count(summary.answers.counted),
+        count(summary.people.completed),
+        summary.data_version,
+        summary.fit_version
+    );
+    let plan_label = summary
+        .plans
+        .iter()
+        .find(|known| known.id == plan)
+        .map_or(plan, |known| known.label.as_str());
+    let curve_caption = format!("{source} · fit: {plan_label}");
+    let parts: Vec<&PartCurves> = curves
+        .plans
+        .iter()
+        .filter(|part| part.plan == plan)
+        .collect();
+    let curve = |kind, title, subtitle, table| Figure {
+        kind,
+        title,
+        subtitle,
+        plan: Some(plan.to_owned()),
+        caption: curve_caption.clone(),
+        table,
+    };
+    Figures {
+        actions: Figure {
+            kind: "actions",
+            title: "Choices in each situation",
+            subtitle: "Share of people who chose each action, with 95 % Wilson intervals; beside it what each model predicts, with 90 % of the posterior.",
+            plan: None,
+            caption: source.clone(),
+            table: tables::actions(summary),
+        },
+        weighting: curve(
+            "weighting",
+            "How much weight does a probability get?",
+            "Weight w(p) against probability p; bands: 50 % and 90 % of the posterior; fine dashes: the prior’s mean.",
+            curve_table(
+                &parts,
+                "p",
+                &|x| trimmed(x),
+                &[
+                    ("gains", |curves| curves.weighting_gain.as_ref()),
+                    ("losses", |curves| curves.weighting_loss.as_ref()),
+                ],
+            ),
+        ),
+        weight_of_risk: curve(
+            "weight_of_risk",
+            "How large does the risk look?",
+            "Decision weight of the risky outcome against its true probability (the paper’s perceived probability); bands as above.",
+            curve_table(
+                &parts,
+                "p",
+                &|x| trimmed(x),
+                &[("decision weight", |curves| {
+                    curves.decision_weight.as_ref().map(|weight| &weight.series)
+                })],
+            ),
+        ),
+        value: curve(
+            "value",
+            "How much does a reward move the choice?",
+            "θ·v(R) in logits (Noisy Rational: θ·R); bands: 50 % and 90 % of the posterior; fine dashes: the prior’s median.",
+            curve_table(
+                &parts,
+                "Reward",
+                &reward(summary),
+                &[("logits", |curves| Some(&curves.value_logits))],
+            ),
+        ),
+        value_shape: curve(
+            "value_shape",
+            "What shape has value?",
+            "v(R) divided by its size at the reference reward: shape only, each draw is ±1 there by construction.",
+            curve_table(
+                &parts,
+                "Reward",
+                &reward(summary),
+                &[("shape only", |curves| Some(&curves.value_shape))],
+            ),
+        ),
+        accuracy: Figure {
+            kind: "accuracy",
+            title: "Which model comes closer to the choices?",
+            subtitle: "ln KL from the choices to each model’s predictions (natural logarithm; lower is closer), mean ± sd over independent draws. Dotted: the reference level, what the true probabilities themselves would score against as many answers; below it means closer to the sample than the truth would be, not better.",
+            plan: None,
+            caption: format!(
+                "{source} · fit: {} · {} draws per cell",
+                accuracy.plan_label, accuracy.samples
+            ),
+            table: tables::ln_kl(accuracy),
+        },
+    }
+}
+
+type Selected = fn(&super::curves::ModelCurves) -> Option<&Series>;
+
+fn curve_table(
+    parts: &[&PartCurves],
+    x_label: &'static str,
+    x_text: &dyn Fn(f64) -> String,
+    curves: &[(&'static str, Selected)],
+) -> Table {
+    let mut table = Table::new(&[
+        ("Fit", Align::Words),
+        ("Model", Align::Words),
+        ("Curve", Align::Words),
+        (x_label, Align::Numbers),
+        ("Mean", Align::Numbers),
+        ("50 % posterior", Align::Numbers),
+        ("90 % posterior", Align::Numbers),
+        ("Prior mean", Align::Numbers),
+    ]);
+    let models: [&ChoiceModel; 2] = [&RISK_AWARE, &NOISY_RATIONAL];
+    for (name, select) in curves {
+        for part in parts {
+            for model in models {
+                let Some(series) = part.models.get(model.id).and_then(select) else {
+                    continue;
+                };
+                for index in spread(series.x.len()) {
+                    let at = |column: &[f64]| Some(column[index]);
+                    table.row([
+                        part.label.clone(),
+                        model.label.to_owned(),
+                        (*name).to_owned(),
+                        x_text(series.x[index]),
+                        decimal(at(&series.mean), 3),
+                        interval(at(&series.q25), at(&series.q75), 3),
+                        interval(at(&series.q5), at(&series.q95), 3),
+                        decimal(at(&series.prior_mean), 3),
+                    ]);
+                }
+            }
+        }
+    }
+    table
+}
+
+/// Some indices out of `length`, both ends included.
+fn spread(length: usize) -> Vec<usize> {
+    if length <= CURVE_ROWS {
+        return (0..length).collect();
+    }
+    let steps = CURVE_ROWS - 1;
+    (0..=steps)
+        .map(|step| (step * (length - 1) + steps / 2) / steps)
+        .collect()
+}
+
+fn trimmed(x: f64) -> String {
+    format!("{}", (x * 1e6).round() / 1e6).replace('-', "\u{2212}")
+}
+
+fn reward(summary: &Summary) -> impl Fn(f64) -> String {
+    let unit = &summary.study.reward_unit;
+    move |x| {
+        format!(
+            "{}{}{}{}",
+            if x < 0.0 { "\u{2212}" } else { "" },
+            unit.prefix,
+            trimmed(x.abs()),
+            unit.suffix
+        )
+    }
+}
+
+fn checks(summary: &Summary) -> Option<Checks> {
+    let baseline = summary.checks.baseline.as_ref()?;
+    Some(Checks {
+        share: percent(baseline.share),
+        interval: super::format::percents(baseline.low, baseline.high),
+        n: count(baseline.n),
+        paper: baseline.paper.map(|share| percent(Some(share))),
+        table: tables::checks(summary)?,
+    })
+}
+
+/// How often each instructed-response item was answered as asked.
+pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<Attention>, Error> {
+    let study = &snapshot.study;
+    let mut found = Vec::new();
+    for item in study.instructed_items() {
+        let set = snapshot.analysis_set();
+        let given = store
+            .form_answers(
+                study.id(),
+                snapshot.population,
+                set,
+                &item.block,
+                &item.field,
+            )
+            .await?;
+        let n = given
+            .iter()
+            .filter(|answer| answer.value.is_some())
+            .map(|answer| answer.n)
+            .sum();
+        let as_asked = given
+            .iter()
+            .filter(|answer| answer.value.as_deref() == Some(&item.expected))
+            .map(|answer| answer.n)
+            .sum();
+        found.push(Attention {
+            label: item.label.clone(),
+            n: count(n),
+            as_asked: count(as_asked),
+        });
+    }
+    Ok(found)
+}
+
+/// What the design cannot tell, from the design itself.
+fn notes(snapshot: &Snapshot) -> Vec<String> {
+    let study = &snapshot.study;
+    let rewards: Vec<f64> = study
+        .cells()
+        .iter()
+        .filter(|cell| cell.fitted)
+        .filter_map(|cell| cell.problem.as_ref())
+        .flat_map(|problem| problem.actions())
+        .flat_map(|action| action.prospect.outcomes())
+        .map(|outcome| outcome.reward)
+        .collect();
+    let mut notes = Vec::new();
+    let (has_gains, has_losses) = (
+        rewards.iter().any(|&reward| reward > 0.0),
+        rewards.iter().any(|&reward| reward < 0.0),
+    );
+    if has_losses && !has_gains {
+        notes.push(
+            "All rewards that are fitted here are losses or nothing. So the curvature of gains (α) cannot be learned, the weighting of gains (γ) enters at most through the normalisation of decision weights, and loss aversion (λ) and sensitivity (θ) only through their product. What the table below calls “not informed by this study” is the prior, not a finding."
+                .to_owned(),
+        );
+    }
+    if has_gains && !has_losses {
+        notes.push(
+            "All rewards that are fitted here are gains or nothing. So the curvature and weighting of losses (β, δ) and loss aversion (λ) cannot be learned. What the table below calls “not informed by this study” is the prior, not a finding."
+                .to_owned(),
+        );
+    }
+    if study.cells().len() > 1 {
+        notes.push(
+            "One person answers several questions. The fits take all answers as independent of each other; where people differ lastingly, intervals are narrower than they should be."
+                .to_owned(),
+        );
+    }
+    notes
+}

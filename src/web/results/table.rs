@@ -1,0 +1,71 @@
+//! A table as plain text, made here so that the page works without scripts. static/js/figures/tables.mjs replaces its rows when
+//! the numbers change.
+
+/// One table.
+#[derive(Debug, Default)]
+pub(super) struct Table {
+    pub columns: Vec<Column>,
+    pub rows: Vec<Vec<Cell>>,
+}
+
+#[derive(Debug)]
+pub(super) struct Column {
+    pub label: &'static str,
+    pub align: Align,
+}
+
+/// How a column is set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Align {
+    Words,
+    Numbers,
+    /// Long texts that may take several lines.
+    Prose,
+}
+
+#[derive(Debug)]
+pub(super) enum Cell {
+    Text(String),
+    /// A state, marked by colour and shape as well as by its word.
+    State {
+        id: &'static str,
+        word: &'static str,
+    },
+}
+
+impl Table {
+    pub(super) fn new(columns: &[(&'static str, Align)]) -> Self {
+        Self {
+            columns: columns
+                .iter()
+                .map(|&(label, align)| Column { label, align })
+                .collect(),
+            rows: Vec::new(),
+        }
+    }
+
+    pub(super) fn row(&mut self, cells: impl IntoIterator<Item = impl Into<Cell>>) {
+        self.rows.push(cells.into_iter().map(Into::into).collect());
+    }
+
+    /// The class of the column with this number, as the style sheet names it.
+    pub(super) fn class(&self, index: &usize) -> &'static str {
+        match self.columns.get(*index).map(|column| column.align) {
+            Some(Align::Numbers) => "numeric",
+            Some(Align::Prose) => "wraps",
+            Some(Align::Words) | None => "",
+        }
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}

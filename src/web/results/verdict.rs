@@ -1,0 +1,134 @@
+//! The two figures on top of a results page that are words: which model fits, and whether the fits can be trusted.
+
+use serde::Serialize;
+
+use crate::{
+    jobs::{PartState, Snapshot},
+    model::{NOISY_RATIONAL, RISK_AWARE},
+};
+
+#[derive(Debug, Serialize)]
+pub(in crate::web) struct Verdict {
+    /// Which model comes closer to the choices.
+    pub model: &'static str,
+    pub model_note: String,
+    /// Whether all fits converged.
+    pub trust: &'static str,
+    pub trust_note: String,
+}
+
+/// How the two models' accuracies in one cell stand to each other.
+enum Closer {
+    RiskAware,
+    NoisyRational,
+    Neither,
+}
+
+impl Verdict {
+    pub(super) fn new(snapshot: &Snapshot) -> Self {
+        let (model, model_note) = model(snapshot);
+        let (trust, trust_note) = trust(snapshot);
+        Self {
+            model,
+            model_note,
+            trust,
+            trust_note,
+        }
+    }
+}
+
+fn model(snapshot: &Snapshot) -> (&'static str, String) {
+    let cells: Vec<Closer> = snapshot
+        .fitted_cells()
+        .filter_map(|cell| closer(snapshot, cell))
+        .collect();
+    let compared = cells.len();
+    let aware = cells
+        .iter()
+        .filter(|cell| matches!(cell, Closer::RiskAware))
+        .count();
+    let noisy = cells
+        .iter()
+        .filter(|cell| matches!(cell, Closer::NoisyRational))
+        .count();
+    if compared == 0 {
+        return (
+            "Not known yet",
+            "no cell has converged fits of both models".to_owned(),
+        );
+    }
+    let note = |closer| {
+        format!("closer in {closer} of {compared} cells, no clear difference in the others")
+    };
+    match (aware, noisy) {
+        (0, 0) => (
+            "No clear difference",
+            format!("in {compared} of {compared} cells"),
+        ),
+        (aware, 0) if aware == compared => (
+            RISK_AWARE.label,
+            format!("closer in {compared} of {compared} cells"),
+        ),
+        (aware, 0) => (RISK_AWARE.label, note(aware)),
+        (0, noisy) if noisy == compared => (
+            NOISY_RATIONAL.label,
+            format!("closer in {compared} of {compared} cells"),
+        ),
+        (0, noisy) => (NOISY_RATIONAL.label, note(noisy)),
+        (aware, noisy) => (
+            "It depends",
+            format!(
+                "of {compared} cells, {} is closer in {aware}, {} in {noisy}",
+                RISK_AWARE.label, NOISY_RATIONAL.label
+            ),
+        ),
+    }
+}
+
+/// A model is closer where the 90 % intervals of ln KL do not meet: where both reach the reference level, a lower mean
+/// says nothing.
+fn closer(snapshot: &Snapshot, cell: &str) -> Option<Closer> {
+    let interval = |model: &str| {
+        let ln_kl = &snapshot
+            .accuracy(&snapshot.finest_plan().id, model, cell)?
+            .ln_kl;
+        Some((ln_kl.q5, ln_kl.q95))
+    };
+    let (aware, noisy) = (interval(RISK_AWARE.id)?, interval(NOISY_RATIONAL.id)?);
+    let below = |left: (Option<f64>, Option<f64>), right: (Option<f64>, Option<f64>)| {
+        left.1.zip(right.0).is_some_and(|(high, low)| high < low)
+    };
+    Some(if below(aware, noisy) {
+        Closer::RiskAware
+    } else if below(noisy, aware) {
+        Closer::NoisyRational
+    } else {
+        Closer::Neither
+    })
+}
+
+fn trust(snapshot: &Snapshot) -> (&'static str, String) {
+    let all = snapshot.fits.len();
+    let with = |state: PartState| {
+        snapshot
+            .fits
+            .iter()
+            .filter(|part| part.state == state)
+            .count()
+    };
+    let converged = with(PartState::Converged);
+    let note = format!("{converged} of {all} fits converged");
+    if with(PartState::Failed) > 0 {
+        return (
+            "No",
+            format!("{} of {all} fits failed", with(PartState::Failed)),
+        );
+    }
+    if converged == all {
+        ("Yes", note)
+    } else if with(PartState::Unconverged) > 0 {
+        ("Not all of it", note)
+    } else {
+        ("Not yet", note)
+    }
+}
