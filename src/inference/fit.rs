@@ -94,7 +94,27 @@ impl FitSettings {
         self.priors.check()?;
         setting("chains", self.chains, 2, 64)?;
         setting("draws", self.draws, 100, 100_000)?;
-        setting("samples", self.samples, 2, self.chains * self.draws / 10)
+        setting("samples", self.samples, 2, self.chains * self.draws / 3)
+    }
+
+    /// The posterior that these settings ask for.
+    pub(super) fn posterior(
+        &self,
+        model: &'static ChoiceModel,
+        data: &ChoiceData,
+    ) -> Result<Posterior, FitError> {
+        self.check()?;
+        let reference_reward = match self.reference_reward {
+            Some(reward) => check_reference_reward(reward)?,
+            None => default_reference_reward(data.problems())?,
+        };
+        Ok(Posterior::new(
+            model,
+            data,
+            self.priors,
+            self.options,
+            reference_reward,
+        ))
     }
 }
 
@@ -155,18 +175,8 @@ pub fn fit(
     settings: &FitSettings,
     watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Fit, FitError> {
-    settings.check()?;
-    let reference_reward = match settings.reference_reward {
-        Some(reward) => check_reference_reward(reward)?,
-        None => default_reference_reward(data.problems())?,
-    };
-    let mut posterior = Posterior::new(
-        model,
-        data,
-        settings.priors,
-        settings.options,
-        reference_reward,
-    );
+    let mut posterior = settings.posterior(model, data)?;
+    let reference_reward = posterior.reference_reward();
     let mut predictor = Predictor::new(
         data.problems().iter().map(|problem| &problem.problem),
         settings.options,

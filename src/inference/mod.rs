@@ -32,6 +32,7 @@ pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
 pub use fit::{Fit, FitError, FitSettings, Progress, fit, uninterrupted};
 pub use maximum_likelihood::MaximumLikelihood;
+pub use posterior::LnPosterior;
 pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
