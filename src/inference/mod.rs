@@ -24,6 +24,7 @@ mod prediction;
 mod priors;
 mod proportion;
 mod reference_reward;
+mod sampled;
 pub mod sampler;
 mod summary;
 mod utility_table;
