@@ -1,5 +1,6 @@
 //! `riskaware fit`: models fitted to choices in files.
 
+use std::io::{self, Write};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -9,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::choice_files::{ChoiceFile, read_choices, read_problems};
-use super::fit_table::print_table;
+use super::fit_table::write_table;
 use crate::inference::{
     Fit, FitSettings, FitSummary, Priors, Progress, WEIGHTING_FLOOR, default_reference_reward, fit,
 };
@@ -80,6 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             fits.push(fitted);
         }
     }
+    let mut text = Vec::new();
     if arguments.json {
         let shown = |fit: &Fit| {
             let summary = &fit.summary;
@@ -99,9 +101,21 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             seed: arguments.seed,
             reference_reward,
         };
-        println!("{}", serde_json::to_string(&report)?);
+        serde_json::to_writer(&mut text, &report)?;
+        text.push(b'\n');
     } else {
-        print_table(&data, left_out, &fits, arguments.show_unconverged);
+        write_table(
+            &mut text,
+            &data,
+            left_out,
+            &fits,
+            arguments.show_unconverged,
+        )?;
+    }
+    match io::stdout().write_all(&text) {
+        // Whoever reads has seen enough.
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
+        written => written.context("cannot write the result")?,
     }
     let unconverged: Vec<&str> = fits
         .iter()

@@ -1,38 +1,49 @@
 //! What fits say, as a table for people.
 
+use std::io::{self, Write};
+
 use crate::inference::accuracy::{CellAccuracy, LnKl, Shares, pooled};
 use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
 
-/// Prints a comparison of the models with chance, then each model's parameters, then what each predicts.
-pub(super) fn print_table(data: &ChoiceData, left_out: u64, fits: &[Fit], show_unconverged: bool) {
-    println!(
+/// Writes a comparison of the models with chance, then each model's parameters, then what each predicts.
+pub(super) fn write_table(
+    out: &mut dyn Write,
+    data: &ChoiceData,
+    left_out: u64,
+    fits: &[Fit],
+    show_unconverged: bool,
+) -> io::Result<()> {
+    writeln!(
+        out,
         "{} choices in {} problems, {left_out} rows left out",
         data.n(),
         data.problems().len()
-    );
+    )?;
     let shown: Vec<&Fit> = fits
         .iter()
         .filter(|fit| fit.summary.converged || show_unconverged)
         .collect();
-    print_comparison(data, &shown);
+    write_comparison(out, data, &shown)?;
     for fit in fits {
-        println!();
-        print_diagnostics(fit);
+        writeln!(out)?;
+        write_diagnostics(out, fit)?;
         if fit.summary.converged || show_unconverged {
-            print_parameters(fit);
+            write_parameters(out, fit)?;
         }
     }
     if !shown.is_empty() {
-        print_predictions(data, &shown);
+        write_predictions(out, data, &shown)?;
     }
+    Ok(())
 }
 
-fn print_comparison(data: &ChoiceData, fits: &[&Fit]) {
-    println!();
-    println!(
+fn write_comparison(out: &mut dyn Write, data: &ChoiceData, fits: &[&Fit]) -> io::Result<()> {
+    writeln!(out)?;
+    writeln!(
+        out,
         "{:<16} {:>12} {:>12}   ln KL, mean ± sd",
         "", "max ln L", "ln evidence"
-    );
+    )?;
     let by_chance: f64 = data
         .problems()
         .iter()
@@ -44,24 +55,27 @@ fn print_comparison(data: &ChoiceData, fits: &[&Fit]) {
         .sum();
     let chance = chance_accuracy(data);
     let cells: Vec<&CellAccuracy> = chance.iter().collect();
-    println!(
+    writeln!(
+        out,
         "{:<16} {by_chance:>12.4} {by_chance:>12.4}   {}",
         "random",
         mean_and_sd(&pooled(&cells, Shares::Observed))
-    );
+    )?;
     for fit in fits {
         let cells: Vec<&CellAccuracy> = fit.accuracy.iter().collect();
         let evidence = fit.summary.log_marginal_likelihood.map_or_else(
             || format!("{:>12}", "-"),
             |evidence| format!("{:>12.4}", evidence.value),
         );
-        println!(
+        writeln!(
+            out,
             "{:<16} {:>12.4} {evidence}   {}",
             fit.model.label,
             fit.summary.max_log_likelihood.unwrap_or(f64::NAN),
             mean_and_sd(&pooled(&cells, Shares::Observed))
-        );
+        )?;
     }
+    Ok(())
 }
 
 fn chance_accuracy(data: &ChoiceData) -> Vec<CellAccuracy> {
@@ -82,7 +96,7 @@ fn mean_and_sd(ln_kl: &LnKl) -> String {
     }
 }
 
-fn print_diagnostics(fit: &Fit) {
+fn write_diagnostics(out: &mut dyn Write, fit: &Fit) -> io::Result<()> {
     let summary = &fit.summary;
     let diagnostics = &summary.diagnostics;
     let all = || {
@@ -105,7 +119,8 @@ fn print_diagnostics(fit: &Fit) {
                 }
             })
     };
-    println!(
+    writeln!(
+        out,
         "{}: {} ({} chains of {} draws, acceptance {}, worst R-hat {:.4}, bulk ESS {:.0}, tail ESS {:.0}, seed {})",
         fit.model.label,
         if summary.converged {
@@ -122,16 +137,18 @@ fn print_diagnostics(fit: &Fit) {
         worst(|found| found.ess_bulk, true),
         worst(|found| found.ess_tail, true),
         summary.seed,
-    );
+    )?;
+    Ok(())
 }
 
-fn print_parameters(fit: &Fit) {
-    println!(
+fn write_parameters(out: &mut dyn Write, fit: &Fit) -> io::Result<()> {
+    writeln!(
+        out,
         "  {:<13} {:>10} {:>10} {:>10} {:>10} {:>10}   {:<23} max L",
         "", "mean", "sd", "5 %", "50 %", "95 %", "prior 5 % to 95 %"
-    );
+    )?;
     let Some(parameters) = &fit.summary.parameters else {
-        return;
+        return Ok(());
     };
     for (name, found) in parameters.iter() {
         let prior = format!("{} to {}", short(found.prior_q5), short(found.prior_q95));
@@ -142,7 +159,8 @@ fn print_parameters(fit: &Fit) {
             Source::Choices if !found.informed => "  not informed by these choices",
             Source::Choices => "",
         };
-        println!(
+        writeln!(
+            out,
             "  {name:<13} {:>10} {:>10} {:>10} {:>10} {:>10}   {prior:<23} {}{note}",
             short(found.mean),
             short(found.sd),
@@ -150,20 +168,22 @@ fn print_parameters(fit: &Fit) {
             short(found.q50),
             short(found.q95),
             best.map_or_else(|| "-".to_owned(), short),
-        );
+        )?;
     }
+    Ok(())
 }
 
-fn print_predictions(data: &ChoiceData, fits: &[&Fit]) {
-    println!();
-    print!(
+fn write_predictions(out: &mut dyn Write, data: &ChoiceData, fits: &[&Fit]) -> io::Result<()> {
+    writeln!(out)?;
+    write!(
+        out,
         "{:<24} {:<16} {:>7} {:>9}",
         "problem", "action", "n", "observed"
-    );
+    )?;
     for fit in fits {
-        print!("  {:>24}", fit.model.label);
+        write!(out, "  {:>24}", fit.model.label)?;
     }
-    println!();
+    writeln!(out)?;
     for (problem, counts) in data.problems().iter().zip(data.totals()) {
         let n: u64 = counts.iter().sum();
         for (action, count) in problem.problem.names().zip(counts) {
@@ -172,18 +192,19 @@ fn print_predictions(data: &ChoiceData, fits: &[&Fit]) {
             } else {
                 format!("{:.3}", *count as f64 / n as f64)
             };
-            print!("{:<24} {action:<16} {count:>7} {share:>9}", problem.id);
+            write!(out, "{:<24} {action:<16} {count:>7} {share:>9}", problem.id)?;
             for fit in fits {
                 let predicted = fit.summary.predicted.as_ref();
                 let found = predicted.and_then(|map| map.get(&problem.id)?.get(action));
                 let text = found.map_or_else(String::new, |share| {
                     format!("{:.3} ({:.3} to {:.3})", share.mean, share.q5, share.q95)
                 });
-                print!("  {text:>24}");
+                write!(out, "  {text:>24}")?;
             }
-            println!();
+            writeln!(out)?;
         }
     }
+    Ok(())
 }
 
 /// Four digits, however large or small.

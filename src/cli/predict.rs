@@ -71,6 +71,11 @@ enum Answer {
 }
 
 fn answer(line: &[u8]) -> anyhow::Result<Answer> {
+    let line = line.trim_ascii();
+    anyhow::ensure!(
+        !line.is_empty(),
+        "the line is empty, a JSON object is needed"
+    );
     let Question {
         model,
         parameters,

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha12Rng;
 
 use super::likelihood::Likelihood;
 use super::sampler::{LnDensity, LogDensity};
-use super::{ChoiceData, Draws, Prior, Priors, Quantity};
+use super::{ChoiceData, Draws, FitError, FitSettings, Prior, Priors, Quantity};
 use crate::model::{ChoiceModel, Parameter, Parameters, RiskAwareOptions, value};
 
 /// Keeps the sensitivity's coordinate finite where utilities do not differ (models' funnel, see [`Posterior`]).
@@ -68,6 +68,11 @@ impl Posterior {
         posterior.inert = inert;
         posterior.moved = moved;
         posterior
+    }
+
+    /// Signed reward that gives τ its unit.
+    pub(super) fn reference_reward(&self) -> f64 {
+        self.reference_reward
     }
 
     /// The parameters that choices can tell about; θ stands for τ.
@@ -374,6 +379,34 @@ impl LogDensity for Posterior {
             position.push(coordinate);
         }
         position
+    }
+}
+
+/// The posterior density of a model on the coordinates that a fit moves, for measurements and checks.
+#[derive(Debug, Clone)]
+pub struct LnPosterior(Posterior);
+
+impl LnPosterior {
+    /// The posterior that [`fit`](super::fit()) draws from.
+    ///
+    /// # Errors
+    /// As [`fit`](super::fit()).
+    pub fn new(
+        model: &'static ChoiceModel,
+        data: &ChoiceData,
+        settings: &FitSettings,
+    ) -> Result<Self, FitError> {
+        settings.posterior(model, data).map(Self)
+    }
+
+    /// How many coordinates there are: inert parameters have none.
+    pub fn dimension(&self) -> usize {
+        self.0.dimension()
+    }
+
+    /// ln posterior density at a position, without the marginal likelihood.
+    pub fn at(&mut self, position: &[f64]) -> f64 {
+        self.0.evaluate(position).posterior()
     }
 }
 

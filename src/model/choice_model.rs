@@ -1,5 +1,7 @@
 //! The models as entries: each says by what name it goes and which parameters it leaves free.
 
+use std::fmt;
+
 use super::{Parameter, ParameterError, Parameters};
 
 /// One choice model of the family.
@@ -54,6 +56,12 @@ pub fn model_named(id: &str) -> Result<&'static ChoiceModel, ModelError> {
         .into_iter()
         .find(|model| model.id == id)
         .ok_or_else(|| ModelError::UnknownModel { id: id.to_owned() })
+}
+
+impl fmt::Display for ChoiceModel {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.id)
+    }
 }
 
 impl ChoiceModel {

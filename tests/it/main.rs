@@ -6,6 +6,7 @@ mod architecture;
 mod crash;
 mod crowd;
 mod fit;
+mod predict;
 mod refit;
 mod results;
 mod store;

@@ -1,0 +1,242 @@
+//! `riskaware fit`: files in, a table or JSON out.
+
+use std::path::Path;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::program::{riskaware, stderr, stdout};
+
+const PROBLEMS: &str = r#"{"low":{"accelerate":[[0.05,-500],[0.95,0]],"stop":[[1,-100]]},
+"high":{"accelerate":[[0.95,-500],[0.05,0]],"stop":[[1,-100]]}}"#;
+
+struct Files {
+    folder: TempDir,
+}
+
+impl Files {
+    fn new(problems: &str, choices: &str) -> Self {
+        let folder = TempDir::new().unwrap();
+        std::fs::write(folder.path().join("problems.json"), problems).unwrap();
+        std::fs::write(folder.path().join("choices.csv"), choices).unwrap();
+        Self { folder }
+    }
+
+    fn fit(&self, more: &[&str]) -> std::process::Output {
+        fit_in(self.folder.path(), more)
+    }
+
+    #[track_caller]
+    fn check_error(&self, expected: &str) {
+        let output = self.fit(&[]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(stderr(&output).contains(expected), "{}", stderr(&output));
+        assert_eq!(stdout(&output), "");
+    }
+}
+
+fn fit_in(folder: &Path, more: &[&str]) -> std::process::Output {
+    let problems = folder.join("problems.json");
+    let choices = folder.join("choices.csv");
+    let mut arguments = vec![
+        "fit",
+        "--problems",
+        problems.to_str().unwrap(),
+        "--choices",
+        choices.to_str().unwrap(),
+    ];
+    arguments.extend(more);
+    riskaware(&arguments, "")
+}
+
+const COUNTED: &str =
+    "count,action,problem\n5,accelerate,low\n25,stop,low\n2,accelerate,high\n28,stop,high\n";
+
+#[test]
+fn the_published_choices_of_1979_give_the_json_of_the_manual() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples/kahneman-tversky-1979");
+    let output = fit_in(&folder, &["--json", "--seed", "7"]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let found: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert_eq!(
+        (found["n"].as_u64(), found["seed"].as_u64()),
+        (Some(1064), Some(7))
+    );
+    for (model, parameters, highest) in [
+        ("noisy_rational", vec!["theta", "tau"], -737.5086),
+        (
+            "risk_aware",
+            vec!["alpha", "beta", "gamma", "delta", "lambda", "theta", "tau"],
+            -593.9208,
+        ),
+    ] {
+        let fit = &found["models"][model];
+        assert_eq!(fit["converged"], true);
+        for name in parameters {
+            for key in [
+                "mean",
+                "sd",
+                "q5",
+                "q50",
+                "q95",
+                "rhat",
+                "ess_bulk",
+                "ess_tail",
+                "prior_q5",
+                "prior_q50",
+                "prior_q95",
+                "contraction",
+            ] {
+                assert!(
+                    fit["parameters"][name][key].is_f64(),
+                    "{model} {name} {key}"
+                );
+            }
+            assert!(fit["parameters"][name]["informed"].is_boolean());
+        }
+        assert!((fit["max_log_likelihood"].as_f64().unwrap() - highest).abs() < 0.01);
+        assert!(fit["log_marginal_likelihood"]["value"].as_f64().unwrap() < highest);
+        assert!(fit["log_kl"]["3'"]["median"].is_f64());
+        let shares = &fit["predicted"]["14'"];
+        let sum = shares["A"]["mean"].as_f64().unwrap() + shares["B"]["mean"].as_f64().unwrap();
+        assert!((sum - 1.0).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn rows_counts_and_columns_in_any_order_are_one() {
+    let mut long = "status,participant,note,problem,action\n".to_owned();
+    for (problem, action, count) in [
+        ("low", "accelerate", 5),
+        ("low", "stop", 25),
+        ("high", "accelerate", 2),
+        ("high", "stop", 28),
+    ] {
+        for person in 0..count {
+            long += &format!("answered,{action}{person},x,{problem},{action}\n");
+        }
+    }
+    long += "late,p,x,low,stop\ntimed_out,p,x,low,\n";
+    let arguments = ["--json", "--models", "noisy_rational"];
+    let read = |choices: &str| -> Value {
+        let output = Files::new(PROBLEMS, choices).fit(&arguments);
+        serde_json::from_str(&stdout(&output)).unwrap()
+    };
+    let (rows, counts) = (read(&long), read(COUNTED));
+    assert_eq!(rows["models"], counts["models"]);
+    assert_eq!(
+        (rows["n"].as_u64(), rows["left_out"].as_u64()),
+        (Some(60), Some(2))
+    );
+    assert_eq!(counts["left_out"].as_u64(), Some(0));
+}
+
+#[test]
+fn people_get_a_table() {
+    let output = Files::new(PROBLEMS, COUNTED).fit(&[
+        "--weighting-floor",
+        "0.05",
+        "--reference-reward",
+        "-500",
+    ]);
+    let table = stdout(&output);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    for expected in [
+        "60 choices in 2 problems",
+        "random",
+        "Noisy Rational",
+        "Risk-Aware",
+        "lambda_theta",
+        "no choice depends on it",
+    ] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+}
+
+#[test]
+fn an_unconverged_fit_fails_and_shows_diagnostics_only() {
+    let files = Files::new(PROBLEMS, COUNTED);
+    let few = [
+        "--json",
+        "--models",
+        "risk_aware",
+        "--chains",
+        "2",
+        "--draws",
+        "100",
+    ];
+    let output = files.fit(&few);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(stderr(&output).contains("have not converged"));
+    let found: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let fit = &found["models"]["risk_aware"];
+    assert_eq!(fit["converged"], false);
+    assert!(fit["parameters"].is_null() && fit["predicted"].is_null() && fit["log_kl"].is_null());
+    assert!(fit["diagnostics"]["parameters"]["beta"]["ess_bulk"].is_f64());
+
+    let shown = files.fit(&[&few[..], &["--show-unconverged"]].concat());
+    assert_eq!(shown.status.code(), Some(1));
+    let found: Value = serde_json::from_str(&stdout(&shown)).unwrap();
+    assert_eq!(found["models"]["risk_aware"]["converged"], false);
+    assert!(found["models"]["risk_aware"]["parameters"]["beta"]["mean"].is_f64());
+}
+
+#[test]
+fn errors_name_file_line_column_value_and_what_is_allowed() {
+    let check = |choices: &str, expected: &str| Files::new(PROBLEMS, choices).check_error(expected);
+    check(
+        "problem,action\nlow,stop\nlow,fly\n",
+        "choices.csv, line 3: column `action`: `fly` is no action of problem `low`, allowed are accelerate, stop",
+    );
+    check(
+        "problem,action\nmid,stop\n",
+        "line 2: column `problem`: unknown problem `mid`, allowed are low, high",
+    );
+    check(
+        "problem,action,count\nlow,stop,-1\n",
+        "line 2: column `count`: `-1` is not a number of choices",
+    );
+    check(
+        "problem,choice\nlow,stop\n",
+        "line 1: no column `action`, there are problem, choice",
+    );
+    check(
+        "problem,action,action\nlow,stop,stop\n",
+        "column `action` comes twice",
+    );
+    check("problem,action\nlow\n", "choices.csv");
+    Files::new(r#"{"x":{"a":[[1,0]],"b":[[0.4,1]]}}"#, COUNTED)
+        .check_error("problem `x`: action `b`: probabilities sum to 0.4, not 1");
+    Files::new("[", COUNTED).check_error("problems.json is not of the form");
+    Files::new("{}", COUNTED).check_error("has no problem");
+    let zeros = r#"{"low":{"a":[[1,0]],"b":[[1,0]]}}"#;
+    Files::new(zeros, "problem,action\nlow,a\n").check_error("reference reward is 0");
+
+    let missing = riskaware(
+        &[
+            "fit",
+            "--problems",
+            "/nowhere.json",
+            "--choices",
+            "/nowhere.csv",
+        ],
+        "",
+    );
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(stderr(&missing).contains("cannot read /nowhere.json"));
+}
+
+#[test]
+fn wrong_usage_exits_with_2() {
+    let files = Files::new(PROBLEMS, COUNTED);
+    for wrong in [
+        &["--chains", "1"][..],
+        &["--weighting-floor", "1"],
+        &["--models", "oracle"],
+        &["--reference-reward", "0"],
+        &["--nonsense"],
+    ] {
+        assert_eq!(files.fit(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+    assert_eq!(riskaware(&["fit"], "").status.code(), Some(2));
+}
