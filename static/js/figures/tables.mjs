@@ -87,6 +87,8 @@ export const tables = {
         { label: "State" },
         { label: "largest R̂", numeric: true },
         { label: "smallest ESS", numeric: true },
+        { label: "Draws", numeric: true },
+        { label: "Seed", numeric: true },
         { label: "Message", wraps: true },
       ];
       const rows = summary.fits.map((fit) => [
@@ -96,6 +98,8 @@ export const tables = {
         { text: stateWords[fit.state] ?? fit.state, state: fit.state },
         decimal(fit.rhat_max, 3),
         fit.ess_min === null ? "–" : count(Math.round(fit.ess_min)),
+        count(fit.draws),
+        fit.seed === null ? "–" : String(fit.seed),
         fit.message ?? "",
       ]);
       return { columns, rows };
