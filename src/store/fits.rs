@@ -5,8 +5,8 @@ use sqlx::sqlite::SqliteConnection;
 use super::{Change, Error, FitId, FitState, Population, Store, VersionId};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
 
-/// How many fits of one model and part are kept. Under load a part is fitted about once a second.
-const KEPT: i64 = 200;
+/// How many fits of one model and part are kept: each is some tens of kilobytes, and can be computed again.
+const KEPT: i64 = 20;
 
 /// What is fitted.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -348,6 +348,28 @@ pub(super) async fn save(
     .bind(fit.key.part.as_str())
     .bind(&fit.key.model)
     .bind(KEPT)
+    .execute(&mut *connection)
+    .await?;
+    sqlx::query(
+        r#"
+        update fit
+        set draws = null
+        where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
+        and draws is not null
+        -- draws are large: only those of the fit that is shown are kept
+        and id < (
+            select max(id)
+            from fit
+            where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
+            and state = 'converged'
+        )
+        "#,
+    )
+    .bind(fit.study.as_str())
+    .bind(fit.population.is_simulated())
+    .bind(fit.key.plan.as_str())
+    .bind(fit.key.part.as_str())
+    .bind(&fit.key.model)
     .execute(&mut *connection)
     .await?;
     let changed: Vec<(String, bool, i64, i64)> = sqlx::query_as(

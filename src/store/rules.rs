@@ -19,9 +19,10 @@ use super::{AnswerStatus, ProblemId, RunState, Verdict};
 use crate::study::step::ClientTiming;
 use crate::study::{BlockId, DEFAULT_GRACE_MS, Deadline, Reply, StepKind, TimeFactor, Timestamp};
 
-/// How long after a deadline the sweep waits, so that an answer which was received in time and still waits to be
-/// written comes first.
-pub(super) const SWEEP_SLACK_MS: i64 = 1_000;
+/// How long after a deadline the sweep waits: an answer that was received in time and still waits to be written comes
+/// first, and one that is a few seconds late is kept as late, not as a repetition of a question that is closed. It
+/// delays nobody, since a page that somebody looks at does not wait for the sweep.
+pub(super) const SWEEP_SLACK_MS: i64 = 5_000;
 
 /// A form that was sent, read by the step's own rules ([`Step::read`](crate::study::Step::read)).
 #[derive(Debug, Clone, PartialEq)]

@@ -203,7 +203,7 @@ async fn the_deadline_is_fixed_by_the_first_look_and_nothing_moves_it() {
 async fn a_timed_question_after_another_block_starts_with_the_look_at_it() {
     let mut lab = Lab::open().await;
     let person = lab.start_and_reach_timed("driving").await;
-    lab.clock.advance(LIMIT_MS + GRACE_MS + 1_001);
+    lab.clock.advance(LIMIT_MS + GRACE_MS + 5_001);
     assert_eq!(lab.store.close_overdue().await.unwrap(), 1);
     let waiting = lab.store.run(&person.link).await.unwrap().step.unwrap();
     assert_eq!(
