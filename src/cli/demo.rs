@@ -80,12 +80,7 @@ pub async fn run(args: DemoArgs) -> anyhow::Result<()> {
     let over = seconds("minutes", args.minutes * 60.0)?;
     let thinking = seconds("thinking", args.thinking)?;
     let folder = tempfile::tempdir().context("making a temporary folder")?;
-    let serve = ServeArgs {
-        listen: args.listen,
-        database: folder.path().join("demo.db"),
-        studies: None,
-        open_results: false,
-    };
+    let serve = ServeArgs::on_temporary_database(args.listen, folder.path().join("demo.db"));
     let server = Server::open(&serve, Population::Simulated).await?;
     let address = server.listener.local_addr()?;
     let study = server

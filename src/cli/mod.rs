@@ -5,6 +5,7 @@ mod demo;
 mod fit;
 mod fit_table;
 mod health;
+mod load;
 mod predict;
 mod serve;
 pub mod simulation;
@@ -49,6 +50,8 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Run the server on a temporary database with simulated people arriving
     Demo(demo::DemoArgs),
+    /// Measure how many page turns the server bears while it refits
+    Load(load::LoadArgs),
     /// Fit models to choices in a CSV file
     Fit(fit::Arguments),
     /// Read choice problems line by line and write choice probabilities
@@ -95,6 +98,7 @@ impl Command {
         match self {
             Self::Serve(args) => block_on(serve::run(args)),
             Self::Demo(args) => block_on(demo::run(args)),
+            Self::Load(args) => block_on(load::run(args)),
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),

@@ -38,6 +38,18 @@ pub struct ServeArgs {
     pub open_results: bool,
 }
 
+impl ServeArgs {
+    /// A server for simulated people, whose database goes with the program.
+    pub(super) fn on_temporary_database(listen: SocketAddr, database: PathBuf) -> Self {
+        Self {
+            listen,
+            database,
+            studies: None,
+            open_results: false,
+        }
+    }
+}
+
 /// Runs the server until the process is asked to stop.
 ///
 /// # Errors

@@ -148,7 +148,7 @@ async fn no_acknowledged_answer_is_lost_when_the_server_is_killed() {
         server.wait().unwrap();
         people.join_all().await;
     }
-    let acknowledged = acknowledged.lock().unwrap();
+    let acknowledged = acknowledged.lock().unwrap().clone();
     assert!(
         acknowledged.len() > 100,
         "only {} answers were acknowledged",

@@ -1,6 +1,9 @@
 //! One simulated person: reads a page, decides, sends the form.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use rand::{Rng, RngExt};
 use reqwest::{Client, Response, StatusCode, header};
@@ -56,7 +59,8 @@ pub enum PersonError {
 }
 
 impl<R: Rng> Person<R> {
-    /// Takes the study from its link to the last page; returns how many pages were turned.
+    /// Takes the study from its link to the last page; returns how long each page turn took, from sending a form until
+    /// the next page was there.
     ///
     /// # Errors
     /// When the server does not answer as it should.
@@ -64,18 +68,24 @@ impl<R: Rng> Person<R> {
         &mut self,
         client: &Client,
         server: &str,
-    ) -> Result<usize, PersonError> {
+    ) -> Result<Vec<Duration>, PersonError> {
         let landing = format!("{server}/s/{}", self.study.id());
         let mut html = text("GET", "/s/STUDY", client.get(landing).send().await?).await?;
-        for turned in 0..MOST_PAGES {
+        let mut turns = Vec::new();
+        while turns.len() < MOST_PAGES {
             let page = Page::read(&html);
             if page.is_finished {
-                return Ok(turned);
+                return Ok(turns);
             }
-            let action = page.action.clone().ok_or(PersonError::DeadEnd(turned))?;
+            let action = page
+                .action
+                .clone()
+                .ok_or(PersonError::DeadEnd(turns.len()))?;
             self.thinks().await;
             let fields = self.fills_in(page)?;
+            let sent = Instant::now();
             html = send(client, &format!("{server}{action}"), &fields).await?;
+            turns.push(sent.elapsed());
         }
         Err(PersonError::DeadEnd(MOST_PAGES))
     }
