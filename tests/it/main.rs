@@ -11,6 +11,7 @@ mod predict;
 mod program;
 mod refit;
 mod results;
+mod simulation;
 mod store;
 mod study;
 mod survey;
