@@ -14,9 +14,10 @@ export const accuracy = {
   needs: ["summary", "accuracy"],
 
   draw({ summary, accuracy }, { width, palette }) {
-    const cells = accuracy.cells.map((row) => cellRow(summary, row, accuracy.samples));
     const pooled = accuracy.pooled.map((row) => pooledRow(row, accuracy.paper));
-    const domain = domainOf([...cells, ...pooled]);
+    const measured = accuracy.cells.map((row) => cellRow(summary, row, accuracy.samples));
+    const domain = domainOf(measured, pooled);
+    const cells = measured.map((row) => (row.unanimous ? clipped(row, domain) : row));
     const panel = (title, rows) => ({ title, draw: (panelWidth) => drawPanel(rows, domain, panelWidth, palette) });
     const key = [
       { kind: "risk_aware", label: "Risk-Aware, mean ± sd" },
@@ -85,14 +86,14 @@ function labelOf(summary, row) {
 }
 
 function cellRow(summary, row, samples) {
-  const notes = row.unanimous ? ["unanimous: no reference level"] : [];
+  const notes = [];
   for (const model of models) {
     const scored = row.models[model];
     if (!scored) notes.push(`${modelStyles[model].name}: no converged fit yet`);
     else if (scored.mean === null) notes.push(`${modelStyles[model].name}: exact in ${scored.zeros} of ${samples}`);
   }
   const scores = models.map((model) => ({ model, ...row.models[model] })).filter(drawable);
-  return { label: labelOf(summary, row), notes, scores, reference: row.unanimous ? null : row.reference };
+  return { label: labelOf(summary, row), unanimous: row.unanimous, notes, scores, reference: row.unanimous ? null : row.reference };
 }
 
 function pooledRow(row, paper) {
@@ -101,19 +102,37 @@ function pooledRow(row, paper) {
     { model, ...row.models[model] },
     { model, published: true, ...published?.[model] },
   ]);
-  return { label: row.label, notes: [], scores: scores.filter(drawable), reference: null };
+  return { label: row.label, unanimous: false, notes: [], scores: scores.filter(drawable), reference: null };
 }
 
 function drawable(score) {
   return score.mean !== null && score.mean !== undefined;
 }
 
-function domainOf(rows) {
+/**
+ * Where everybody chose the same, ln KL falls without limit as a model comes closer: such cells would squeeze
+ * all others into a corner, so they set the scale only where there are no others.
+ */
+function domainOf(cells, pooled) {
+  const contested = cells.filter((row) => !row.unanimous);
+  const rows = contested.length > 0 ? [...contested, ...pooled] : [...cells, ...pooled];
   const values = rows.flatMap((row) => [
     ...row.scores.flatMap(({ mean, sd }) => [mean - sd, mean + sd]),
     ...(row.reference === null ? [] : [row.reference]),
   ]);
   return [Math.min(-1, ...values) - 0.5, Math.max(0, ...values)];
+}
+
+/** A unanimous cell cut at the ends of the scale; says so where something of it lies beyond. */
+function clipped(row, [left, right]) {
+  const beyond = row.scores.some(({ mean, sd }) => mean - sd < left || mean + sd > right);
+  const scores = row.scores.map((score) => {
+    const low = score.mean - score.sd;
+    const high = score.mean + score.sd;
+    const cut = [...(low < left ? [left] : []), ...(high > right ? [right] : [])];
+    return { ...score, low: Math.max(low, left), high: Math.max(left, Math.min(high, right)), outside: score.mean < left, cut };
+  });
+  return { ...row, scores, notes: [beyond ? "unanimous: off the scale" : "unanimous: no reference level", ...row.notes] };
 }
 
 function drawPanel(rows, domain, width, palette) {
@@ -128,7 +147,7 @@ function drawPanel(rows, domain, width, palette) {
     const top = y + headHeight + noteHeight * row.notes.length;
     row.scores.forEach((score, index) => scores.push({ ...score, y: top + lineHeight * (index + 0.5) }));
     const lines = Math.max(2, row.scores.length);
-    if (row.reference !== null) references.push({ x: row.reference, y1: top - 2, y2: top + lineHeight * lines + 2 });
+    if (row.reference !== null) references.push({ x: row.reference, y1: top, y2: top + lineHeight * lines + 2 });
     y = top + lineHeight * lines + 12;
   }
   const bottom = 46;
@@ -141,9 +160,11 @@ function drawPanel(rows, domain, width, palette) {
     const dot = published
       ? { symbol: "diamond", fill: palette.paper, stroke: color, r: 4 }
       : { symbol: style.symbol, fill: style.filled ? color : palette.paper, stroke: color, r: 4 };
+    const arrows = data.flatMap((score) => (score.cut ?? []).map((x) => ({ x, y: score.y, turn: x === domain[0] ? -90 : 90 })));
     return [
-      Plot.link(data, { x1: (d) => d.mean - d.sd, x2: (d) => d.mean + d.sd, y1: "y", y2: "y", strokeWidth: 2, ...line }),
-      Plot.dot(data, { x: "mean", y: "y", strokeWidth: 2, ...dot }),
+      Plot.link(data, { x1: (d) => d.low ?? d.mean - d.sd, x2: (d) => d.high ?? d.mean + d.sd, y1: "y", y2: "y", strokeWidth: 2, ...line }),
+      Plot.dot(arrows, { x: "x", y: "y", symbol: "triangle", rotate: "turn", r: 4, fill: dot.fill, stroke: color, strokeWidth: 2 }),
+      Plot.dot(data.filter((score) => !score.outside), { x: "mean", y: "y", strokeWidth: 2, ...dot }),
     ];
   };
   const words = { frameAnchor: "left", dx: -8, y: "y", textAnchor: "start", text: "text", stroke: palette.paper, strokeWidth: 4 };
