@@ -4,11 +4,11 @@ export function levelLabel(summary, factorId, levelId) {
   return factor?.levels.find((level) => level.id === levelId)?.label ?? levelId;
 }
 
-/** A cell in words: its levels in the order of the factors. */
+/** A cell in words, as the page's own tables have it: its levels in the order of the factors. */
 export function cellLabel(summary, cell) {
   return summary.factors
     .filter((factor) => cell.levels[factor.id] !== undefined)
-    .map((factor, index) => (index === 0 ? levelLabel(summary, factor.id, cell.levels[factor.id]) : named(factor, cell.levels[factor.id])))
+    .map((factor) => levelLabel(summary, factor.id, cell.levels[factor.id]))
     .join(" · ");
 }
 
@@ -50,8 +50,8 @@ function position(factor, cell) {
   return index < 0 ? factor.levels.length : index;
 }
 
-/** "Timed" says of itself that it is about time; a bare "Low" needs its factor's name. */
+/** A level with its factor's name: "Risk: low". */
 function named(factor, levelId) {
   const label = factor.levels.find((level) => level.id === levelId)?.label ?? levelId;
-  return label.toLowerCase().includes(factor.label.toLowerCase()) ? label : `${factor.label}: ${label.toLowerCase()}`;
+  return `${factor.label}: ${label.toLowerCase()}`;
 }
