@@ -2,6 +2,8 @@ import { Figures } from "./figures.mjs";
 import { showNumbers } from "./numbers.mjs";
 
 const retryMs = 3000;
+const fitsMs = 1000;
+const fits = ["curves", "accuracy"];
 const words = {
   connecting: "Connecting…",
   live: "Live: new answers appear by themselves.",
@@ -14,11 +16,13 @@ export class Live {
     this.root = root;
     this.connection = root.querySelector("[data-part=connection]");
     this.data = {};
-    this.seen = { data_version: -1, fit_version: -1 };
+    this.latest = { data_version: -1, fit_version: -1 };
     this.wanted = null;
+    this.fitsTimer = null;
+    this.fitsAt = performance.now();
     this.figures = new Figures(root);
     this.say("connecting");
-    this.refresh(["summary", "curves", "accuracy"]);
+    this.refresh(["summary", ...fits]);
     this.listen();
   }
 
@@ -35,10 +39,25 @@ export class Live {
   }
 
   changed(version) {
-    const parts = ["summary"];
-    if (version.fit_version !== this.seen.fit_version) parts.push("curves", "accuracy");
-    else if (version.data_version === this.seen.data_version) return;
-    this.refresh(parts);
+    this.latest = version;
+    const newFits = !this.hasFits();
+    if (newFits) this.refreshFits();
+    if (newFits || version.data_version !== this.data.summary?.data_version) this.refresh(["summary"]);
+  }
+
+  /** Curves weigh much and change with every fit: at most once a second, and once more after the last change. */
+  refreshFits() {
+    if (this.fitsTimer !== null) return;
+    this.fitsTimer = setTimeout(() => {
+      this.fitsTimer = null;
+      if (this.hasFits()) return;
+      this.fitsAt = performance.now();
+      this.refresh(fits);
+    }, Math.max(0, this.fitsAt + fitsMs - performance.now()));
+  }
+
+  hasFits() {
+    return fits.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
   }
 
   /** One fetch at a time; what is asked for meanwhile follows as one more. */
@@ -69,8 +88,6 @@ export class Live {
     const response = await fetch(this.root.dataset[part], { headers: { Accept: "application/json" }, cache: "no-store" });
     if (!response.ok) throw new Error(`${part}: status ${response.status}`);
     this.data[part] = await response.json();
-    if (part === "summary") this.seen.data_version = this.data.summary.data_version;
-    if (part === "curves") this.seen.fit_version = this.data.curves.fit_version;
   }
 
   show() {
