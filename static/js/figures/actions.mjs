@@ -101,7 +101,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
     width,
     height: y + bottom,
     marginLeft,
-    marginRight: 52,
+    marginRight: 60,
     marginTop: 0,
     marginBottom: bottom,
     x: { domain: [0, 1], label: null },
@@ -114,7 +114,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
       Plot.dot(observed, { x: "share", y: "y", r: 4, fill: palette.observed }),
       ...models.map((model) => interval(predicted.filter((d) => d.model === model), modelStyles[model], palette)).flat(),
       Plot.text(names, { frameAnchor: "left", y: "y", dx: -8, textAnchor: "end", text: "text", fill: palette.ink }),
-      Plot.text(names, { frameAnchor: "right", y: "y", dx: 50, textAnchor: "end", text: (d) => percent(d.share), fill: palette.ink, fontVariant: "tabular-nums" }),
+      Plot.text(names, { frameAnchor: "right", y: "y", dx: 58, textAnchor: "end", text: (d) => percent(d.share), fill: palette.ink, fontVariant: "tabular-nums" }),
       Plot.text(heads, { frameAnchor: "left", dx: -marginLeft, y: "y", textAnchor: "start", text: "text", fill: palette["ink-soft"], stroke: palette.paper, strokeWidth: 4 }),
     ],
   });

@@ -23,7 +23,7 @@ function valueFigure(name, axis, label) {
           curvePanel({
             curves: order.map((model) => ({ model, series: part.models?.[model]?.[name] ?? null })),
             x: { domain: extentOf(all), label: `reward (${unit.name})`, tickFormat: reward(unit), ticks: 3 },
-            y: { domain: rangeOf(all, ["q5", "q95", "mean"]), label: axis, tickFormat: tick },
+            y: { domain: rangeOf(all, ["q5", "q95", "mean", "prior_mean"]), label: axis, tickFormat: tick },
             hatch: `${id}-hatch`,
             width: panelWidth,
             palette,
