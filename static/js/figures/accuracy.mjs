@@ -22,9 +22,9 @@ export const accuracy = {
     const key = [
       { kind: "risk_aware", label: "Risk-Aware, mean ± sd" },
       { kind: "noisy_rational", label: "Noisy Rational, mean ± sd" },
-      { kind: "reference", label: "reference level" },
     ];
-    if (accuracy.paper?.length > 0) key.push({ kind: "paper", label: "the paper, mean ± sd" });
+    if (cells.some((row) => row.reference !== null)) key.push({ kind: "reference", label: "reference level" });
+    if (pooled.some((row) => row.scores.some((score) => score.published))) key.push({ kind: "paper", label: "the paper, mean ± sd" });
     return sheet({
       width,
       palette,
