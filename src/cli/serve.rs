@@ -7,7 +7,7 @@ use std::{
     sync::Arc,
 };
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use clap::Args;
 use tokio::{net::TcpListener, signal::unix::SignalKind};
 use tokio_util::sync::CancellationToken;
@@ -100,17 +100,21 @@ impl Server {
         let Self { listener, state } = self;
         let (store, stop) = (state.store.clone(), state.stop.clone());
         let background = jobs::start(&store, &state.catalogue, state.settings.population, &stop);
-        let disk_failed = store.failed();
-        web::serve(listener, state, async {
+        let disk_failed = CancellationToken::new();
+        let ends = async {
             tokio::select! {
                 () = shutdown => {}
-                () = disk_failed => tracing::error!("the disk failed: ending, so that a supervisor can start anew"),
+                () = store.failed() => disk_failed.cancel(),
             }
-        })
-        .await
-        .context("serving")?;
+        };
+        web::serve(listener, state, ends).await.context("serving")?;
         background.await;
         store.close().await;
+        // A status other than 0 makes a supervisor start the program anew.
+        ensure!(
+            !disk_failed.is_cancelled(),
+            "the disk failed while answers were written; none that was acknowledged is lost"
+        );
         Ok(())
     }
 }

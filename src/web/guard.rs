@@ -11,11 +11,22 @@ use axum::{
 
 use super::{ApiError, Error, Settings};
 
+/// What proxies add to requests that they pass on.
+const FORWARDED: [&str; 5] = [
+    "forwarded",
+    "via",
+    "x-forwarded-for",
+    "x-forwarded-host",
+    "x-real-ip",
+];
+
 /// Lets a request for results through when the listener is a loopback one and is addressed as such, or when the
 /// server was started with `--open-results`.
 ///
-/// The name in `Host` counts as well as the listener: behind a proxy on this machine the listener is loopback too, and a
-/// page of another site whose name was pointed at 127.0.0.1 must not read results.
+/// The name in `Host` counts as well as the listener, because a page of another site whose name was pointed at 127.0.0.1
+/// must not read results. Behind a proxy on this machine the listener is loopback too, and some proxies put their own
+/// name for us into `Host`: so whatever says that it was forwarded is refused. A proxy that says nothing at all cannot
+/// be told from a browser on this machine.
 pub(super) async fn results(
     State((settings, address)): State<(Arc<Settings>, SocketAddr)>,
     request: Request,
@@ -25,7 +36,12 @@ pub(super) async fn results(
         .headers()
         .get(header::HOST)
         .and_then(|host| host.to_str().ok());
-    if settings.open_results || (address.ip().is_loopback() && host.is_some_and(is_loopback_name)) {
+    let is_forwarded = FORWARDED
+        .iter()
+        .any(|name| request.headers().contains_key(*name));
+    let is_local =
+        address.ip().is_loopback() && host.is_some_and(is_loopback_name) && !is_forwarded;
+    if settings.open_results || is_local {
         return next.run(request).await;
     }
     let error = Error::Forbidden(

@@ -81,10 +81,6 @@ impl Settings {
     }
 }
 
-/// Who is at the other end of the connection.
-#[derive(Debug, Clone, Copy)]
-pub struct Peer(pub SocketAddr);
-
 fn router(state: AppState, address: SocketAddr) -> Router {
     let results = Router::new()
         .merge(results::router())

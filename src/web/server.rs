@@ -12,7 +12,7 @@ use hyper_util::{
 use tokio::{net::TcpListener, sync::Semaphore};
 use tower::ServiceExt;
 
-use super::{AppState, Peer, router};
+use super::{AppState, router};
 
 /// A client that has not sent its whole request head by then is cut off; the same bound ends idle connections.
 const HEADER_READ_TIMEOUT: Duration = Duration::from_secs(15);
@@ -40,13 +40,15 @@ pub async fn serve(
     let slots = std::sync::Arc::new(Semaphore::new(MAX_CONNECTIONS));
     let mut shutdown = std::pin::pin!(shutdown);
     loop {
-        let Ok(slot) = slots.clone().acquire_owned().await else {
-            break;
+        let accepted = async {
+            let slot = slots.clone().acquire_owned().await;
+            (slot, listener.accept().await)
         };
-        let (stream, peer) = tokio::select! {
-            accepted = listener.accept() => match accepted {
-                Ok(accepted) => accepted,
-                Err(error) => {
+        let (slot, stream) = tokio::select! {
+            accepted = accepted => match accepted {
+                (Ok(slot), Ok((stream, _))) => (slot, stream),
+                (Err(_), _) => break,
+                (_, Err(error)) => {
                     tracing::warn!(%error, "could not accept a connection");
                     tokio::time::sleep(ACCEPT_RETRY).await;
                     continue;
@@ -58,7 +60,7 @@ pub async fn serve(
         if let Err(error) = stream.set_nodelay(true) {
             tracing::debug!(%error, "could not set TCP_NODELAY");
         }
-        let connection = connection(&app, stream, Peer(peer));
+        let connection = connection(&app, stream);
         let connection = connections.watch(connection);
         tokio::spawn(async move {
             if let Err(error) = connection.await {
@@ -80,7 +82,6 @@ pub async fn serve(
 fn connection(
     app: &Router,
     stream: tokio::net::TcpStream,
-    peer: Peer,
 ) -> http1::Connection<
     TokioIo<tokio::net::TcpStream>,
     TowerToHyperService<
@@ -95,10 +96,7 @@ fn connection(
 > {
     let service = app
         .clone()
-        .map_request(move |mut request: Request<Incoming>| {
-            request.extensions_mut().insert(peer);
-            request.map(axum::body::Body::new)
-        });
+        .map_request(|request: Request<Incoming>| request.map(axum::body::Body::new));
     http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_READ_TIMEOUT)

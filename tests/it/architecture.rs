@@ -64,25 +64,58 @@ fn names(code: &str, word: &str) -> bool {
     })
 }
 
+/// The modules that `use crate::{a::X, b};` names, each as `crate::a` with its line.
+fn grouped_imports(code: &str) -> Vec<(usize, String)> {
+    let mut found = Vec::new();
+    for (start, opening) in code.match_indices("use crate::{") {
+        let mut depth = 1;
+        let mut expects_name = true;
+        let mut name = String::new();
+        for (offset, letter) in code[start + opening.len()..].char_indices() {
+            let in_name = letter.is_alphanumeric() || letter == '_';
+            if depth == 1 && expects_name && in_name {
+                name.push(letter);
+                continue;
+            }
+            if !name.is_empty() {
+                let line = code[..start + opening.len() + offset].lines().count();
+                found.push((line, format!("crate::{}", std::mem::take(&mut name))));
+                expects_name = false;
+            }
+            match letter {
+                '{' => depth += 1,
+                '}' => depth -= 1,
+                ',' if depth == 1 => expects_name = true,
+                _ => {}
+            }
+            if depth == 0 {
+                break;
+            }
+        }
+    }
+    found
+}
+
 fn violations(rule: &Rule, file: &Path) -> Vec<String> {
     let text = fs::read_to_string(file).unwrap();
     // Tests may use what the layer itself may not, such as a runtime.
-    let code = text.split("#[cfg(test)]").next().unwrap();
-    code.lines()
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+    let lines = code
+        .lines()
         .enumerate()
+        .map(|(number, line)| (number + 1, line.to_owned()));
+    lines
         .filter(|(_, line)| !line.trim_start().starts_with("//"))
+        .chain(grouped_imports(code))
         .flat_map(|(number, line)| {
-            rule.forbidden
-                .iter()
-                .filter(|word| names(line, word))
-                .map(move |word| {
-                    format!(
-                        "{}:{}: {} must not name {word}",
-                        file.display(),
-                        number + 1,
-                        rule.source
-                    )
-                })
+            let broken = rule.forbidden.iter().filter(move |word| names(&line, word));
+            broken.map(move |word| {
+                format!(
+                    "{}:{number}: {} must not name {word}",
+                    file.display(),
+                    rule.source
+                )
+            })
         })
         .collect()
 }
@@ -119,10 +152,14 @@ fn a_forbidden_import_would_be_seen() {
     let file = folder.path().join("x.rs");
     fs::write(
         &file,
-        "use crate::web::Error;\nuse rand_chacha::X;\n// crate::web\nuse rand::Rng;\n",
+        "use crate::web::Error;\nuse rand_chacha::X;\n// crate::web\nuse rand::Rng;\nuse crate::{\n    study::{web, X},\n    web::{self, Y},\n};\n",
     )
     .unwrap();
-    assert_eq!(violations(&rule, &file).len(), 2);
+    assert_eq!(
+        violations(&rule, &file).len(),
+        3,
+        "once by path, once as a crate, once in a group"
+    );
 }
 
 #[test]

@@ -228,6 +228,10 @@ async fn a_script_is_told_where_to_go_and_what_conflicts() {
         assert_eq!(response.status().as_u16(), expected);
         let receipt: serde_json::Value = response.json().await.unwrap();
         assert!(person.link.ends_with(receipt["next"].as_str().unwrap()));
+        assert_eq!(
+            receipt["receipt"]["verdict"], "answered",
+            "the receipt is that of the first form"
+        );
     }
     app.stop().await;
 }
@@ -358,7 +362,7 @@ async fn nonsense_is_answered_with_what_is_wrong() {
         ("/r/short", 404),
         (unknown.as_str(), 404),
         ("/s/driving/a/short", 404),
-        ("/s/driving?PROLIFIC_PID=", 400),
+        ("/s/driving?PROLIFIC_PID=%00", 400),
         ("/s/driving?PROLIFIC_PID=a&workerId=b", 400),
     ] {
         assert_eq!(app.get(path).await.status.as_u16(), status, "{path}");
@@ -404,6 +408,15 @@ async fn nonsense_is_answered_with_what_is_wrong() {
         .await
         .unwrap();
     assert_eq!(ahead.status(), StatusCode::SERVICE_UNAVAILABLE);
+    let probed = app.client.head(&person.link).send().await.unwrap();
+    assert_eq!(probed.status(), StatusCode::METHOD_NOT_ALLOWED);
+    let results = app.client.get(format!("{}/results/driving", app.url));
+    let forwarded = results
+        .header("x-forwarded-for", "10.0.0.1")
+        .send()
+        .await
+        .unwrap();
+    assert_eq!(forwarded.status(), StatusCode::FORBIDDEN);
     assert!(app.answers().await.is_empty(), "nothing was stored of it");
     app.stop().await;
 }

@@ -6,7 +6,12 @@ mod recruiting;
 mod run;
 mod withdrawal;
 
-use axum::{Router, extract::FromRequestParts, http::request::Parts, routing::get};
+use axum::{
+    Router,
+    extract::FromRequestParts,
+    http::{Method, request::Parts},
+    routing::get,
+};
 
 use super::{AppState, Error};
 
@@ -24,14 +29,17 @@ pub(super) fn router() -> Router<AppState> {
         )
 }
 
-/// A page that a person is about to look at: a browser that fetches ahead is sent away, because looking starts clocks
-/// and uses up links.
+/// A page that a person is about to look at. Whoever only probes (HEAD) or fetches ahead is sent away, because looking
+/// starts clocks and writes arrivals.
 struct Looking;
 
 impl<S: Sync> FromRequestParts<S> for Looking {
     type Rejection = Error;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Error> {
+        if parts.method == Method::HEAD {
+            return Err(Error::MethodNotAllowed);
+        }
         let purpose = parts
             .headers
             .get("sec-purpose")

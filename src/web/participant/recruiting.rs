@@ -23,7 +23,7 @@ const KNOWN: [(&str, Option<&str>); 9] = [
 /// Reads a link's query. Unknown parameters are left alone, since platforms and mail programs add their own.
 ///
 /// # Errors
-/// When a known parameter is empty after trimming, longer than 200 characters, or holds control characters; when
+/// When a known parameter is longer than 200 characters or holds control characters; when
 /// two parameters name the person.
 pub(super) fn read(query: &BTreeMap<String, String>) -> Result<NewArrival, Error> {
     let mut arrival = NewArrival::default();
@@ -31,12 +31,13 @@ pub(super) fn read(query: &BTreeMap<String, String>) -> Result<NewArrival, Error
         let Some(value) = query.get(name).map(|value| value.trim()) else {
             continue;
         };
-        if value.is_empty()
-            || value.chars().count() > LONGEST_VALUE
-            || value.chars().any(char::is_control)
-        {
+        // Platforms leave parameters empty that they do not know, for example in a preview.
+        if value.is_empty() {
+            continue;
+        }
+        if value.chars().count() > LONGEST_VALUE || value.chars().any(char::is_control) {
             return Err(Error::BadRequest(format!(
-                "the link's parameter {name} must hold 1 to {LONGEST_VALUE} printable characters"
+                "the link's parameter {name} must hold at most {LONGEST_VALUE} printable characters"
             )));
         }
         if name == "source" {

@@ -23,7 +23,7 @@ use super::{
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{RunState, RunView, StepView, Store, Submission, Token, Verdict},
+    store::{Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
     study::{
         CompletionCode, Step, Study,
         step::{ClientTiming, FieldError, Fields},
@@ -52,6 +52,9 @@ pub(super) async fn answer(
     let token = read_token(&token)?;
     let Form(fields) = form.map_err(unreadable)?;
     let run = pages.store.run(&token).await?;
+    if run.state == RunState::Withdrawn {
+        return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
+    }
     let position = field(&fields, "step")?
         .parse()
         .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
@@ -65,16 +68,19 @@ pub(super) async fn answer(
                 .as_ref()
                 .is_none_or(|current| position < current.position) =>
         {
-            return Ok(receipt(&headers, &token, StatusCode::CONFLICT));
+            return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
         }
         Err(errors) => {
+            // The page that carries the messages is looked at like any other: a timed question's clock starts.
+            let run = pages.store.visit(&token).await?;
             let page = pages
                 .page(&token, &run, Rejected { fields, errors })
                 .await?;
             return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
         }
     };
-    let status = match pages.store.submit(run.run, submission).await?.verdict {
+    let submitted = pages.store.submit(run.run, submission).await?;
+    let status = match submitted.verdict {
         Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
         Verdict::Answered
         | Verdict::Late
@@ -83,22 +89,46 @@ pub(super) async fn answer(
         | Verdict::Early
         | Verdict::Retry => StatusCode::OK,
     };
-    Ok(receipt(&headers, &token, status))
+    Ok(led_on(&headers, &token, status, Some(submitted.receipt)))
+}
+
+/// What a page's script is told about the form that it sent.
+#[derive(Serialize)]
+struct Delivery {
+    next: String,
+    /// Of the first form with this key.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    receipt: Option<StoredForm>,
+}
+
+#[derive(Serialize)]
+struct StoredForm {
+    event: i64,
+    step: u32,
+    verdict: &'static str,
+    at_ms: i64,
 }
 
 /// Where a form leads. A page's script is told the status; a plain form is always sent on, since the first answer
 /// stands either way and its sender wants the next page.
-fn receipt(headers: &HeaderMap, token: &Token, status: StatusCode) -> Response {
-    #[derive(Serialize)]
-    struct Receipt {
-        next: String,
-    }
+fn led_on(
+    headers: &HeaderMap,
+    token: &Token,
+    status: StatusCode,
+    receipt: Option<Receipt>,
+) -> Response {
     let next = format!("/r/{token}");
     let accepts = headers
         .get(header::ACCEPT)
         .and_then(|accept| accept.to_str().ok());
     if accepts.is_some_and(|accept| accept.starts_with("application/json")) {
-        (status, Json(Receipt { next })).into_response()
+        let receipt = receipt.map(|receipt| StoredForm {
+            event: receipt.event.get(),
+            step: receipt.position,
+            verdict: receipt.verdict.as_str(),
+            at_ms: receipt.at.0,
+        });
+        (status, Json(Delivery { next, receipt })).into_response()
     } else {
         Redirect::to(&next).into_response()
     }
