@@ -3,6 +3,7 @@
 use std::{
     io::{IsTerminal, Write},
     net::SocketAddr,
+    path::PathBuf,
     sync::Arc,
     time::Duration,
 };
@@ -35,6 +36,9 @@ pub struct DemoArgs {
     /// Which study they take
     #[arg(long, default_value = "driving")]
     study: String,
+    /// A folder with study files (*.toml) to serve beside the built-in ones
+    #[arg(long, env = "RISKAWARE_STUDIES")]
+    studies: Option<PathBuf>,
     /// How many people arrive
     #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     people: u32,
@@ -80,7 +84,11 @@ pub async fn run(args: DemoArgs) -> anyhow::Result<()> {
     let over = seconds("minutes", args.minutes * 60.0)?;
     let thinking = seconds("thinking", args.thinking)?;
     let folder = tempfile::tempdir().context("making a temporary folder")?;
-    let serve = ServeArgs::on_temporary_database(args.listen, folder.path().join("demo.db"));
+    let database = folder.path().join("demo.db");
+    let serve = ServeArgs {
+        studies: args.studies.clone(),
+        ..ServeArgs::on_temporary_database(args.listen, database)
+    };
     let server = Server::open(&serve, Population::Simulated).await?;
     let address = server.listener.local_addr()?;
     let study = server

@@ -10,7 +10,7 @@ mod predict;
 mod serve;
 pub mod simulation;
 
-use std::process::ExitCode;
+use std::{io::IsTerminal, process::ExitCode};
 
 use clap::{Parser, Subcommand, ValueEnum};
 use tracing_subscriber::{EnvFilter, fmt, layer::SubscriberExt, util::SubscriberInitExt};
@@ -19,10 +19,13 @@ use tracing_subscriber::{EnvFilter, fmt, layer::SubscriberExt, util::SubscriberI
 ///
 /// Exit status: 0 done, 1 failed, 2 wrong usage.
 #[derive(Debug, Parser)]
-#[command(version, about)]
+#[command(version, about, args_conflicts_with_subcommands = true)]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
+    // Without a command the server is meant, with its settings.
+    #[command(flatten)]
+    serve: serve::ServeArgs,
     /// What is logged to standard error, such as `warn` or `riskaware=debug`
     #[arg(long, global = true, env = "RISKAWARE_LOG", default_value = "info")]
     log: String,
@@ -72,25 +75,25 @@ impl Cli {
         };
         let log = tracing_subscriber::registry().with(filter);
         match self.log_format {
-            LogFormat::Text => log.with(fmt::layer().with_writer(std::io::stderr)).init(),
+            LogFormat::Text => log
+                .with(
+                    fmt::layer()
+                        .with_ansi(std::io::stderr().is_terminal())
+                        .with_writer(std::io::stderr),
+                )
+                .init(),
             LogFormat::Json => log
                 .with(fmt::layer().json().with_writer(std::io::stderr))
                 .init(),
         }
-        match self.command.unwrap_or_else(default_command).run() {
+        match self.command.unwrap_or(Command::Serve(self.serve)).run() {
             Ok(code) => code,
             Err(error) => {
-                eprintln!("error: {error:#}");
+                eprintln!("error: {}", in_full(&error));
                 ExitCode::FAILURE
             }
         }
     }
-}
-
-/// `riskaware` alone is `riskaware serve` with its settings from the environment.
-fn default_command() -> Command {
-    let Cli { command, .. } = Cli::parse_from(["riskaware", "serve"]);
-    command.expect("serve was named")
 }
 
 impl Command {
@@ -104,6 +107,21 @@ impl Command {
             Self::Health(args) => block_on(health::run(args)),
         }
     }
+}
+
+/// An error with its causes; a cause that the text before it already tells is not told again.
+fn in_full(error: &anyhow::Error) -> String {
+    error
+        .chain()
+        .skip(1)
+        .fold(error.to_string(), |told, cause| {
+            let cause = cause.to_string();
+            if told.contains(&cause) {
+                told
+            } else {
+                format!("{told}: {cause}")
+            }
+        })
 }
 
 fn block_on(command: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {

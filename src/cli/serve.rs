@@ -24,7 +24,7 @@ use crate::{
 /// Settings of the server.
 #[derive(Debug, Clone, Args)]
 pub struct ServeArgs {
-    /// Address and port to listen on
+    /// Address and port to listen on, such as 127.0.0.1:8080 or 0.0.0.0:80
     #[arg(long, env = "RISKAWARE_LISTEN", default_value = "127.0.0.1:8080")]
     pub listen: SocketAddr,
     /// The database file; it is made if it does not exist
@@ -34,7 +34,7 @@ pub struct ServeArgs {
     #[arg(long, env = "RISKAWARE_STUDIES")]
     pub studies: Option<PathBuf>,
     /// Show results and API to everybody who can reach the server, not to this machine alone
-    #[arg(long, env = "RISKAWARE_OPEN_RESULTS")]
+    #[arg(long, env = "RISKAWARE_OPEN_RESULTS", value_parser = clap::builder::FalseyValueParser::new())]
     pub open_results: bool,
 }
 
@@ -69,6 +69,12 @@ pub(super) struct Server {
 
 impl Server {
     pub(super) async fn open(args: &ServeArgs, population: Population) -> anyhow::Result<Self> {
+        let listener = TcpListener::bind(args.listen).await.with_context(|| {
+            format!(
+                "listening on {}; choose another address with --listen",
+                args.listen
+            )
+        })?;
         let studies = study_files(args.studies.as_deref())?;
         let store = Store::open(Options::at(&args.database), Clock::start())
             .await
@@ -76,12 +82,6 @@ impl Server {
         let catalogue = Catalogue::publish(&store, studies)
             .await
             .context("reading the study files")?;
-        let listener = TcpListener::bind(args.listen).await.with_context(|| {
-            format!(
-                "listening on {}; choose another address with --listen",
-                args.listen
-            )
-        })?;
         let state = AppState {
             store,
             catalogue: Arc::new(catalogue),

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use super::OpenError;
@@ -16,9 +17,16 @@ pub(super) struct Lock(
 );
 
 impl Lock {
-    /// Takes `DATABASE.lock`, or says who is in the way.
+    /// Takes `DATABASE.lock`, or says who is in the way. The lock goes by the file's own name, so that a symbolic link
+    /// is no way around it; a file with two names of its own is refused, because SQLite's log goes by the name too.
     pub(super) fn take(database: &Path) -> Result<Self, OpenError> {
-        let path = with_suffix(database, ".lock");
+        let own_name = database
+            .canonicalize()
+            .unwrap_or_else(|_| database.to_owned());
+        if std::fs::metadata(&own_name).is_ok_and(|found| found.nlink() > 1) {
+            return Err(OpenError::Linked(own_name));
+        }
+        let path = with_suffix(&own_name, ".lock");
         let failed = |source| OpenError::Lock {
             path: path.clone(),
             source,

@@ -90,6 +90,9 @@ pub enum OpenError {
     /// Another server holds it.
     #[error("database {} is in use by another riskaware server; stop that one first, or give another --database", .0.display())]
     InUse(PathBuf),
+    /// The file has a second name.
+    #[error("database {} has a second name on this disk (a hard link); with two names its log would be written twice, so remove one", .0.display())]
+    Linked(PathBuf),
     /// The lock file cannot be written.
     #[error("lock file {}: {source}", path.display())]
     Lock {

@@ -9,6 +9,8 @@ use axum::{
     response::{IntoResponse, Response},
 };
 
+use tower_http::csrf::ProtectionError;
+
 use super::{ApiError, Error, Settings};
 
 /// What proxies add to requests that they pass on.
@@ -45,13 +47,20 @@ pub(super) async fn results(
         return next.run(request).await;
     }
     let error = Error::Forbidden(
-        "results are shown on this machine's own address (127.0.0.1) only; start the server with --open-results to show them to everybody who can reach it".to_owned(),
+        "results are shown only where the server listens on this machine alone, such as 127.0.0.1:8080; start it with --open-results to show them to everybody who can reach it".to_owned(),
     );
     if request.uri().path().starts_with("/api/") {
         ApiError(error).into_response()
     } else {
         error.into_response()
     }
+}
+
+/// What a form or call from a page of another site is answered.
+pub(super) fn cross_site(_: ProtectionError) -> Response {
+    let text =
+        "this was sent from a page of another site; open the study's own link and answer there";
+    Error::Forbidden(text.to_owned()).into_response()
 }
 
 fn is_loopback_name(host: &str) -> bool {

@@ -76,7 +76,7 @@ impl Settings {
         if self.open_results {
             "Results and API are open to everybody who can reach this server (--open-results)."
         } else {
-            "Results and API are shown on this machine's own address (127.0.0.1) only."
+            "Results and API are shown where the server listens on this machine alone (such as 127.0.0.1:8080), or with --open-results."
         }
     }
 }
@@ -100,11 +100,15 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .layer(
             ServiceBuilder::new()
                 .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
-                .layer(TraceLayer::new_for_http().make_span_with(span))
+                .layer(
+                    TraceLayer::new_for_http()
+                        .make_span_with(span)
+                        .on_failure(()),
+                )
                 .layer(PropagateRequestIdLayer::x_request_id())
                 .layer(middleware::from_fn(headers::set))
                 .layer(CompressionLayer::new())
-                .layer(CsrfLayer::new())
+                .layer(CsrfLayer::new().with_rejection_response(guard::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),
         )
