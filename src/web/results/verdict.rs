@@ -125,7 +125,7 @@ fn trust(snapshot: &Snapshot) -> (&'static str, String) {
         );
     }
     if converged == all {
-        ("Yes", note)
+        ("The fits, yes", note)
     } else if with(PartState::Unconverged) > 0 {
         ("Not all of it", note)
     } else {
