@@ -2,6 +2,8 @@
 
 use std::ops::ControlFlow;
 
+use serde::Serialize;
+
 use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile, variance};
 use super::likelihood::Predictor;
@@ -20,7 +22,7 @@ use crate::model::{ChoiceModel, OrderedMap, RiskAwareOptions};
 const PRIOR_DRAWS: usize = 4096;
 
 /// Everything that a fit depends on beside model and data.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FitSettings {
     /// Priors of the parameters.
     pub priors: Priors,

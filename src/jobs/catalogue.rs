@@ -2,17 +2,20 @@
 
 use std::{collections::HashMap, sync::Arc};
 
+use super::snapshot_cache::SnapshotCache;
 use crate::{
     store::{self, Store, VersionId},
     study::{ParseError, Study, StudyId},
 };
 
-/// All served studies by id and version. It does not change while the server runs.
+/// All served studies by id and version. They do not change while the server runs.
 #[derive(Debug)]
 pub struct Catalogue {
     /// The current version of each study, in the order in which the files were given.
     current: Vec<(VersionId, Arc<Study>)>,
     versions: HashMap<VersionId, Arc<Study>>,
+    /// What was read of them last.
+    pub(super) snapshots: SnapshotCache,
 }
 
 /// Why the studies cannot be served.
@@ -53,6 +56,7 @@ impl Catalogue {
         let mut catalogue = Self {
             current: Vec::new(),
             versions: HashMap::new(),
+            snapshots: SnapshotCache::default(),
         };
         for study in studies {
             let version = store

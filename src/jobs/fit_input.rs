@@ -43,7 +43,7 @@ struct Canonical<'a> {
     model: &'a str,
     problems: OrderedMap<ChoiceProblem>,
     counts: &'a [Vec<u64>],
-    settings: String,
+    settings: &'a FitSettings,
 }
 
 impl FitInput {
@@ -131,10 +131,10 @@ impl FitInput {
             model: self.model.id,
             problems: self.problems(),
             counts: self.data.totals(),
-            settings: format!("{:?}", self.settings),
+            settings: &self.settings,
         };
-        // Plain data with text keys always turns into JSON.
-        let text = serde_json::to_vec(&canonical).unwrap_or_default();
+        let text = serde_json::to_vec(&canonical)
+            .expect("plain data with text keys always turns into JSON");
         data_encoding::HEXLOWER.encode(&Sha256::digest(text))
     }
 }

@@ -7,7 +7,7 @@
 //! * `fit_input`: what a fit depends on, its hash and its seed;
 //! * [`FitReport`]: what is stored of a fit;
 //! * [`refit`], [`closing`]: the two background tasks;
-//! * [`Snapshot`]: all that a results page says about a study, at one moment.
+//! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest.
 //!
 //! Every fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
 //! the hashes alone, also after a restart.
@@ -19,6 +19,7 @@ mod fit_input;
 mod fit_report;
 pub mod refit;
 mod snapshot;
+mod snapshot_cache;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};

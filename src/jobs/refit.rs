@@ -2,17 +2,20 @@
 
 use std::{
     any::Any,
-    collections::HashSet,
+    collections::HashMap,
     ops::ControlFlow,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::Arc,
     time::Duration,
 };
 
-use tokio::sync::{broadcast::error::RecvError, mpsc, oneshot};
+use tokio::{
+    sync::{broadcast::error::RecvError, mpsc, oneshot},
+    time::Instant,
+};
 use tokio_util::sync::CancellationToken;
 
-use super::{Catalogue, FitReport, StudyCounts, fit_input::FitInput, fit_report::blob};
+use super::{Catalogue, FitReport, Snapshot, fit_input::FitInput, fit_report::blob};
 use crate::{
     inference::{FitError, fit},
     store::{self, FitOutcome, FitState, NewFit, Population, Store},
@@ -23,7 +26,7 @@ use crate::{
 const POLL_INTERVAL: Duration = Duration::from_secs(30);
 /// How often one and the same input is tried.
 const MAX_ATTEMPTS: u32 = 3;
-/// Pause after the database failed.
+/// Pause after the database or a fit failed; after each further failure of the same fit four times the one before.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
 
 /// Refits the current studies of one population whenever their answers changed, until `stop`.
@@ -44,10 +47,9 @@ pub async fn run(
             return;
         }
     };
-    // Failures that were logged already.
-    let mut told = HashSet::new();
+    let mut failures = Failures::default();
     while !stop.is_cancelled() {
-        match refit_next(&store, &catalogue, population, &worker, &mut told).await {
+        match refit_next(&store, &catalogue, population, &worker, &mut failures).await {
             Ok(Progress::Fitted) => continue,
             Ok(Progress::Idle) => {}
             Err(store::Error::Busy) => pause(&stop).await,
@@ -63,7 +65,7 @@ pub async fn run(
                 Ok(_) | Err(RecvError::Lagged(_)) => {}
                 Err(RecvError::Closed) => return,
             },
-            () = tokio::time::sleep(POLL_INTERVAL) => {}
+            () = tokio::time::sleep_until(failures.wake(Instant::now())) => {}
             () = stop.cancelled() => {}
         }
     }
@@ -87,11 +89,14 @@ async fn refit_next(
     catalogue: &Catalogue,
     population: Population,
     worker: &Worker,
-    told: &mut HashSet<String>,
+    failures: &mut Failures,
 ) -> Result<Progress, store::Error> {
     let mut due: Option<Due> = None;
     for study in catalogue.studies() {
-        if let Some(found) = most_behind(store, study, population).await?
+        let Some(snapshot) = Snapshot::read(store, catalogue, population, study.id()).await? else {
+            continue;
+        };
+        if let Some(found) = most_behind(&snapshot, failures, Instant::now())
             && due
                 .as_ref()
                 .is_none_or(|due| found.fitted_at < due.fitted_at)
@@ -112,13 +117,12 @@ async fn refit_next(
         attempts,
         ..
     } = due;
-    let input = Arc::new(input);
     // No answer means that the server is ending.
     let Some(finished) = worker.fit(input.clone()).await else {
         return Ok(Progress::Idle);
     };
     if let FitOutcome::Failed(message) = &finished.outcome
-        && told.insert(input.hash.clone())
+        && failures.note(&input.hash, attempts, Instant::now())
     {
         tracing::error!(study = %study.id(), plan = %input.plan, part = %input.part, model = input.model.id, message, "a fit failed");
     }
@@ -140,10 +144,32 @@ async fn refit_next(
     Ok(Progress::Fitted)
 }
 
+/// Inputs whose fit failed while this server runs, and until when each rests. A rest delays no other part.
+#[derive(Debug, Default)]
+struct Failures(HashMap<String, Instant>);
+
+impl Failures {
+    /// Lets an input rest, longer after each attempt; whether it failed for the first time.
+    fn note(&mut self, hash: &str, attempts: u32, now: Instant) -> bool {
+        let pause = RETRY_PAUSE * 4_u32.pow(attempts.clamp(1, MAX_ATTEMPTS) - 1);
+        self.0.insert(hash.to_owned(), now + pause).is_none()
+    }
+
+    fn is_resting(&self, hash: &str, now: Instant) -> bool {
+        self.0.get(hash).is_some_and(|until| *until > now)
+    }
+
+    /// When to look again at the latest.
+    fn wake(&self, now: Instant) -> Instant {
+        let rests = self.0.values().copied().filter(|until| *until > now);
+        rests.fold(now + POLL_INTERVAL, Instant::min)
+    }
+}
+
 /// A fit that is to be run.
 struct Due {
     study: Arc<Study>,
-    input: FitInput,
+    input: Arc<FitInput>,
     data_version: i64,
     /// The data that the part was last fitted to; the oldest goes first, so that no part waits for ever while answers keep
     /// arriving.
@@ -151,39 +177,29 @@ struct Due {
     attempts: u32,
 }
 
-async fn most_behind(
-    store: &Store,
-    study: &Arc<Study>,
-    population: Population,
-) -> Result<Option<Due>, store::Error> {
-    // The version first: a change in between makes the fit look older than it is, and it is looked at again.
-    let data_version = store.totals(study.id(), population).await?.data_version;
-    let counts = StudyCounts::new(study, &store.cell_counts(study.id(), population).await?);
-    let latest = store.latest_fits(study.id(), population).await?;
-    let due = FitInput::all(study, &counts)
-        .into_iter()
-        .filter(|input| input.data.n() > 0)
-        .filter_map(|input| {
-            let fit = latest.iter().find(|fit| input.is_of(fit));
-            let attempts = match fit {
-                Some(fit) if fit.input_hash == input.hash => match fit.outcome.state() {
-                    FitState::Converged | FitState::Unconverged => return None,
-                    FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
-                    FitState::Failed => fit.attempts + 1,
-                },
-                Some(_) | None => 1,
-            };
-            let fitted_at = fit.map(|fit| fit.data_version);
-            Some(Due {
-                study: study.clone(),
-                input,
-                data_version,
-                fitted_at,
-                attempts,
-            })
-        });
+fn most_behind(snapshot: &Snapshot, failures: &Failures, now: Instant) -> Option<Due> {
+    let due = snapshot.fits.iter().filter_map(|part| {
+        if part.input.data.n() == 0 || failures.is_resting(&part.input.hash, now) {
+            return None;
+        }
+        let attempts = match &part.fit {
+            Some(fit) if fit.input_hash == part.input.hash => match fit.outcome.state() {
+                FitState::Converged | FitState::Unconverged => return None,
+                FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
+                FitState::Failed => fit.attempts + 1,
+            },
+            Some(_) | None => 1,
+        };
+        Some(Due {
+            study: snapshot.study.clone(),
+            input: part.input.clone(),
+            data_version: snapshot.version.data_version,
+            fitted_at: part.fit.as_ref().map(|fit| fit.data_version),
+            attempts,
+        })
+    });
     // The first of equally old ones: file order.
-    Ok(due.min_by_key(|due| due.fitted_at))
+    due.min_by_key(|due| due.fitted_at)
 }
 
 /// The thread on which fits run. It ends when its worker is dropped.
@@ -294,4 +310,25 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
         "the program has a fault: {}",
         text.unwrap_or_else(|| "no message".to_owned())
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_failed_fit_rests_longer_each_time_and_others_do_not() {
+        let now = Instant::now();
+        let mut failures = Failures::default();
+        assert_eq!(failures.wake(now), now + POLL_INTERVAL);
+
+        assert!(failures.note("a", 1, now));
+        assert!(failures.is_resting("a", now) && !failures.is_resting("b", now));
+        let second = now + Duration::from_secs(1);
+        assert_eq!(failures.wake(now), second);
+        assert!(!failures.is_resting("a", second));
+
+        assert!(!failures.note("a", 2, second), "it was told already");
+        assert_eq!(failures.wake(second), second + Duration::from_secs(4));
+    }
 }

@@ -4,11 +4,14 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::{Catalogue, FitReport, StudyCounts, counts::analysis_set, fit_input::FitInput};
+use super::{
+    Catalogue, FitReport, StudyCounts, counts::analysis_set, fit_input::FitInput,
+    snapshot_cache::fresh,
+};
 use crate::{
     inference::accuracy::CellAccuracy,
     model::ChoiceModel,
-    store::{AnalysisSet, Error, Fit, FitOutcome, FitState, Population, Store, Totals},
+    store::{AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, Totals},
     study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
 };
 
@@ -78,6 +81,8 @@ pub struct PartFit {
     report: Option<Arc<FitReport>>,
     /// Newer answers wait to be fitted.
     pub is_behind: bool,
+    /// What a fit to the answers as they are now depends on.
+    pub(super) input: Arc<FitInput>,
 }
 
 /// How far the fit of a part is.
@@ -110,7 +115,8 @@ impl PartState {
 }
 
 impl Snapshot {
-    /// Reads the study's counters and latest fits; `None` for a study that is not served.
+    /// The study's counters and latest fits; `None` for a study that is not served. As long as its version does not move,
+    /// this is one and the same snapshot.
     ///
     /// # Errors
     /// When the database fails.
@@ -119,28 +125,57 @@ impl Snapshot {
         catalogue: &Catalogue,
         population: Population,
         id: &StudyId,
-    ) -> Result<Option<Self>, Error> {
+    ) -> Result<Option<Arc<Self>>, Error> {
         let Some((_, study)) = catalogue.current(id) else {
             return Ok(None);
         };
+        // The version first: a change in between makes the snapshot look older than it is, and it is read again.
         let people = store.totals(id, population).await?;
-        let counts = StudyCounts::new(&study, &store.cell_counts(id, population).await?);
-        let stored = store.latest_fits(id, population).await?;
+        let slot = catalogue.snapshots.slot(id, population);
+        let mut kept = slot.0.lock().await;
+        if let Some(snapshot) = fresh(kept.as_ref(), &people) {
+            return Ok(Some(snapshot));
+        }
+        let counts = store.cell_counts(id, population).await?;
+        let fits = store.latest_fits(id, population).await?;
+        // Parsing all fits takes long enough to hold up other requests.
+        let made = tokio::task::spawn_blocking(move || {
+            Arc::new(Self::new(study, population, people, &counts, &fits))
+        });
+        let snapshot = match made.await {
+            Ok(snapshot) => snapshot,
+            Err(error) => match error.try_into_panic() {
+                Ok(panic) => std::panic::resume_unwind(panic),
+                Err(_) => return Err(Error::Unavailable("the server is shutting down")),
+            },
+        };
+        *kept = Some(snapshot.clone());
+        Ok(Some(snapshot))
+    }
+
+    fn new(
+        study: Arc<Study>,
+        population: Population,
+        people: Totals,
+        counts: &[CellCount],
+        stored: &[Fit],
+    ) -> Self {
+        let counts = StudyCounts::new(&study, counts);
         let fits = FitInput::all(&study, &counts)
             .into_iter()
             .map(|input| {
                 let fit = stored.iter().find(|fit| input.is_of(fit)).cloned();
-                PartFit::new(&study, &input, fit)
+                PartFit::new(&study, input, fit)
             })
             .collect();
-        Ok(Some(Self {
+        Self {
             version: Version::from(&people),
             study,
             population,
             people,
             counts,
             fits,
-        }))
+        }
     }
 
     /// Whose answers the study analyses.
@@ -183,7 +218,7 @@ impl Snapshot {
 }
 
 impl PartFit {
-    fn new(study: &Study, input: &FitInput, fit: Option<Fit>) -> Self {
+    fn new(study: &Study, input: FitInput, fit: Option<Fit>) -> Self {
         let report = fit.as_ref().and_then(FitReport::read).map(Arc::new);
         // A fit of other problems (the study file was changed) says nothing about the ones asked now.
         let is_of_these_problems = report
@@ -217,6 +252,7 @@ impl PartFit {
                 && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
             fit,
             report,
+            input: Arc::new(input),
         }
     }
 

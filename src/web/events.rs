@@ -3,7 +3,7 @@
 use std::convert::Infallible;
 
 use axum::response::sse::{Event, KeepAlive, Sse};
-use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::{Semaphore, broadcast::error::RecvError};
 use tokio_stream::Stream;
 use tokio_util::sync::CancellationToken;
 
@@ -13,6 +13,9 @@ use crate::{
     store::{Change, Population, Store},
     study::StudyId,
 };
+
+/// Streams that may be open at a time, so that watchers cannot use up the connections that answers need.
+static OPEN: Semaphore = Semaphore::const_new(256);
 
 /// Events named `version`: the current one at once, then each that follows, until the client goes or the server stops.
 ///
@@ -27,11 +30,13 @@ pub(super) async fn stream(
     if catalogue.current(&study).is_none() {
         return Err(Error::NotFound("study"));
     }
+    let place = OPEN.try_acquire().map_err(|_| Error::Busy)?;
     // Subscribed before the current version is read: nothing falls between the two.
     let mut changes = store.subscribe();
     let (sender, events) = tokio::sync::mpsc::channel(1);
     let mut version = Version::from(&store.totals(&study, population).await?);
     tokio::spawn(async move {
+        let _place = place;
         loop {
             let event = match Event::default().event("version").json_data(version) {
                 Ok(event) => event,

@@ -86,6 +86,19 @@ async fn every_error_is_a_problem_document() {
             "{problem}"
         );
     }
+    for (path, named) in [
+        ("driving/answers?limit=x", "limit"),
+        ("driving/answers?cursor=%FF", "`after`"),
+        ("driving/answers?after=%FF", "after"),
+        ("driving/fits?history=perhaps", "history"),
+        ("%FF/summary", "study"),
+    ] {
+        let response = request(&app, Method::GET, &format!("/api/v1/studies/{path}")).await;
+        assert_eq!(response.status(), StatusCode::BAD_REQUEST, "{path}");
+        let problem: Value = response.json().await.unwrap();
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(detail.contains(named), "{path}: {detail}");
+    }
     let url = format!("{}{driving}/predict", app.url);
     for (body, status) in [
         ("{", 400),
@@ -200,6 +213,32 @@ async fn prediction_from_parameters_needs_no_fit() {
         "{answer}"
     );
     assert_eq!(answer["most_likely"], "unstable");
+    assert_eq!(
+        answer["options"],
+        json!({ "normalise": true, "zero": "gain" })
+    );
+
+    let many_actions: serde_json::Map<String, Value> = (0..21)
+        .map(|action| (format!("action {action}"), json!([[1.0, action]])))
+        .collect();
+    let many_outcomes: Vec<Value> = (0..128)
+        .map(|reward| json!([1.0 / 128.0, reward]))
+        .collect();
+    for (problem, limit) in [
+        (Value::Object(many_actions), "at most 20"),
+        (
+            json!({ "stay": [[1.0, 0.0]], "go": many_outcomes }),
+            "at most 100",
+        ),
+    ] {
+        let body = json!({ "problem": problem, "parameters": body["parameters"] });
+        let (status, answer) = predict(&app, &body).await;
+        assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{answer}");
+        assert!(
+            answer["detail"].as_str().unwrap().contains(limit),
+            "{answer}"
+        );
+    }
 
     let (status, answer) = predict(&app, &json!({ "problem": body["problem"] })).await;
     assert_eq!(status, StatusCode::CONFLICT, "{answer}");

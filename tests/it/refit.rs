@@ -22,7 +22,7 @@ async fn catalogue(app: &App) -> Arc<Catalogue> {
     Arc::new(Catalogue::publish(&app.store, files).await.unwrap())
 }
 
-async fn snapshot(app: &App, catalogue: &Catalogue) -> Snapshot {
+async fn snapshot(app: &App, catalogue: &Catalogue) -> Arc<Snapshot> {
     Snapshot::read(&app.store, catalogue, Population::People, &"driving".into())
         .await
         .unwrap()
@@ -105,6 +105,20 @@ async fn thirty_people_of_whom_25_stop_give_the_expected_ln_kl() {
         0.01,
     );
     near(&row(&accuracy["paper"], "Together")["t"], -11.5, 0.0);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn a_snapshot_is_read_again_only_when_the_version_moved() {
+    let app = App::start().await;
+    let catalogue = catalogue(&app).await;
+    let first = snapshot(&app, &catalogue).await;
+    assert!(Arc::ptr_eq(&first, &snapshot(&app, &catalogue).await));
+
+    drives(&app.store, &catalogue, 0..1, 1).await;
+    let second = snapshot(&app, &catalogue).await;
+    assert_eq!((first.people.completed, second.people.completed), (0, 1));
+    assert!(Arc::ptr_eq(&second, &snapshot(&app, &catalogue).await));
     app.stop().await;
 }
 

@@ -3,6 +3,7 @@
 use axum::{
     extract::{
         FromRequest, FromRequestParts, Request,
+        path::ErrorKind,
         rejection::{JsonRejection, PathRejection, QueryRejection},
     },
     http::{StatusCode, request},
@@ -25,10 +26,19 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
 
     async fn from_request_parts(parts: &mut request::Parts, state: &S) -> Result<Self, ApiError> {
         let found = axum::extract::Path::<T>::from_request_parts(parts, state).await;
-        // An id that cannot be read is one that nothing has.
         found
             .map(|path| Self(path.0))
-            .map_err(|_: PathRejection| ApiError(Error::NotFound("address of the API")))
+            .map_err(|rejection: PathRejection| {
+                ApiError(match &rejection {
+                    PathRejection::FailedToDeserializePathParams(failed)
+                        if matches!(failed.kind(), ErrorKind::InvalidUtf8InPathParam { .. }) =>
+                    {
+                        Error::BadRequest(format!("path: {}", detail(&failed.body_text())))
+                    }
+                    // An id that cannot be read is one that nothing has.
+                    _ => Error::NotFound("address of the API"),
+                })
+            })
     }
 }
 
@@ -40,10 +50,8 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequestParts<S> for Query<T> {
         found
             .map(|query| Self(query.0))
             .map_err(|rejection: QueryRejection| {
-                ApiError(Error::BadRequest(format!(
-                    "query: {}",
-                    innermost(&rejection)
-                )))
+                let detail = detail(&rejection.body_text());
+                ApiError(Error::BadRequest(format!("query: {detail}")))
             })
     }
 }
@@ -56,7 +64,7 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
         found
             .map(|body| Self(body.0))
             .map_err(|rejection: JsonRejection| {
-                let detail = innermost(&rejection);
+                let detail = detail(&rejection.body_text());
                 ApiError(match rejection.status() {
                     StatusCode::UNSUPPORTED_MEDIA_TYPE => Error::UnsupportedMediaType,
                     StatusCode::PAYLOAD_TOO_LARGE => Error::TooLarge,
@@ -67,11 +75,9 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
     }
 }
 
-/// The message that names the place and the value; those around it only say that something failed.
-fn innermost(error: &dyn std::error::Error) -> String {
-    let mut error = error;
-    while let Some(source) = error.source() {
-        error = source;
-    }
-    error.to_string()
+/// The place and what is wrong there; the words before the first colon only say that something failed.
+fn detail(text: &str) -> String {
+    text.split_once(": ")
+        .map_or(text, |(_, detail)| detail)
+        .to_owned()
 }

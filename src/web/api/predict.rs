@@ -1,15 +1,19 @@
 //! `POST predict`: what a person will choose, from a fit or from given parameters (models.md, section 10).
 
+use std::time::Duration;
+
 use axum::{
     Json,
     extract::State,
     response::{IntoResponse, Response},
 };
 use serde::{Deserialize, Serialize};
+use tokio::{sync::Semaphore, time::timeout};
 
 use super::{
     NoQuery, Parts,
     extract::{Body, Path, Query},
+    served,
 };
 use crate::{
     inference::{ActionPrediction, predict_from_draws},
@@ -22,6 +26,15 @@ use crate::{
     study::{CellId, FitPlan, PartId, PlanId, StudyId},
     web::{ApiError, Error, results},
 };
+
+/// More than anybody chooses among; with the limit on outcomes, what one call may cost.
+const MAX_ACTIONS: usize = 20;
+/// Over all actions.
+const MAX_OUTCOMES: usize = 100;
+/// Predictions computed at a time; answers need the processor as well.
+static COMPUTING: Semaphore = Semaphore::const_new(2);
+/// How long a prediction waits for its turn.
+const TURN: Duration = Duration::from_secs(5);
 
 /// A problem, with parameters or with what names a fit.
 #[derive(Debug, Deserialize)]
@@ -41,6 +54,8 @@ pub(super) struct Request {
 #[derive(Serialize)]
 struct FromParameters {
     model: &'static str,
+    /// Those of the study's own fits.
+    options: RiskAwareOptions,
     probabilities: OrderedMap<f64>,
     utilities: OrderedMap<f64>,
     most_likely: String,
@@ -71,24 +86,37 @@ pub(super) async fn predict(
     Query(NoQuery {}): Query<NoQuery>,
     Body(request): Body<Request>,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let served = served(&catalogue, &study)?;
+    check_size(&request.problem)?;
     let model = request
         .model
         .as_deref()
         .map_or(Ok(&RISK_AWARE), model_named);
     let model = model.map_err(|error| Error::Unprocessable(error.to_string()))?;
-    if let Some(parameters) = &request.parameters {
+    if let Some(parameters) = request.parameters {
         if request.plan.is_some() || request.part.is_some() || request.cell.is_some() {
             return Err(Error::Unprocessable(
                 "parameters and plan, part or cell are given; allowed: parameters alone, or what names a fit".to_owned(),
             )
             .into());
         }
-        let answer = from_parameters(&request.problem, model, parameters)?;
+        let (problem, options) = (request.problem, served.fit().options);
+        let answer =
+            computed(move || from_parameters(&problem, model, &parameters, options)).await??;
         return Ok(Json(answer).into_response());
     }
+    let mut snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let chosen = named_fit(&snapshot, model, &request)?.1.id;
+    let blob = match store.fit_draws(chosen).await {
+        // A newer fit was stored since, and only the newest keeps its draws.
+        Err(store::Error::NotFound(_)) => {
+            snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+            let newer = named_fit(&snapshot, model, &request)?.1.id;
+            store.fit_draws(newer).await?
+        }
+        draws => draws?,
+    };
     let (part, chosen) = named_fit(&snapshot, model, &request)?;
-    let draws = store.fit_draws(chosen.id).await?;
     let not_read = || {
         Error::Internal(anyhow::anyhow!(
             "the draws of fit {} are not of the announced size",
@@ -96,18 +124,15 @@ pub(super) async fn predict(
         ))
     };
     let report = part.converged().ok_or_else(not_read)?;
-    let draws = report.draws(&draws).ok_or_else(not_read)?;
+    let draws = report.draws(&blob).ok_or_else(not_read)?;
     let (problem, options) = (request.problem, report.summary.options);
-    // Thousands of draws with a large problem take long enough to hold up other requests.
-    let prediction =
-        tokio::task::spawn_blocking(move || predict_from_draws(&problem, &draws, options))
-            .await
-            .map_err(|error| Error::Internal(error.into()))?
-            .ok_or_else(|| {
-                Error::Unprocessable(
-                    "the problem's decision weights vanish under every draw".to_owned(),
-                )
-            })?;
+    let prediction = computed(move || predict_from_draws(&problem, &draws, options))
+        .await?
+        .ok_or_else(|| {
+            Error::Unprocessable(
+                "the problem's decision weights vanish under every draw".to_owned(),
+            )
+        })?;
     let share = |ActionPrediction {
                      action,
                      mean,
@@ -126,17 +151,54 @@ pub(super) async fn predict(
     .into_response())
 }
 
+fn check_size(problem: &ChoiceProblem) -> Result<(), Error> {
+    let actions = problem.actions().len();
+    if actions > MAX_ACTIONS {
+        return Err(Error::Unprocessable(format!(
+            "problem has {actions} actions; allowed: at most {MAX_ACTIONS}"
+        )));
+    }
+    let outcomes: usize = problem
+        .actions()
+        .iter()
+        .map(|action| action.prospect.outcomes().len())
+        .sum();
+    if outcomes > MAX_OUTCOMES {
+        return Err(Error::Unprocessable(format!(
+            "problem has {outcomes} outcomes over all actions; allowed: at most {MAX_OUTCOMES}"
+        )));
+    }
+    Ok(())
+}
+
+/// Computes on a thread where it holds up no other request, once it is its turn.
+async fn computed<T: Send + 'static>(
+    compute: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Error> {
+    let turn = match timeout(TURN, COMPUTING.acquire()).await {
+        Ok(turn) => turn.map_err(|error| Error::Internal(error.into()))?,
+        Err(_) => return Err(Error::Busy),
+    };
+    // The turn goes with the work: a client that leaves does not end what is being computed.
+    tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        compute()
+    })
+    .await
+    .map_err(|error| Error::Internal(error.into()))
+}
+
 fn from_parameters(
     problem: &ChoiceProblem,
     model: &ChoiceModel,
     parameters: &OrderedMap<f64>,
+    options: RiskAwareOptions,
 ) -> Result<FromParameters, Error> {
     let unprocessable = |error: &dyn std::fmt::Display| Error::Unprocessable(error.to_string());
     let entries = parameters.iter().map(|(name, value)| (name, *value));
     let parameters = model
         .parameters_from(entries)
         .map_err(|error| unprocessable(&error))?;
-    let options = RiskAwareOptions::default();
     let shares =
         probabilities(problem, &parameters, options).map_err(|error| unprocessable(&error))?;
     let values = utilities(problem, &parameters, options).map_err(|error| unprocessable(&error))?;
@@ -155,6 +217,7 @@ fn from_parameters(
     }
     Ok(FromParameters {
         model: model.id,
+        options,
         probabilities: named(&shares),
         utilities: named(&values),
         most_likely: problem.actions()[most_likely].name.clone(),

@@ -49,7 +49,7 @@ pub(super) async fn snapshot(
     catalogue: &Catalogue,
     settings: &Settings,
     study: &StudyId,
-) -> Result<Snapshot, Error> {
+) -> Result<Arc<Snapshot>, Error> {
     Snapshot::read(store, catalogue, settings.population, study)
         .await?
         .ok_or(Error::NotFound("study"))
