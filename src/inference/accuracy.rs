@@ -302,53 +302,6 @@ pub fn compare(cells: &[(&CellAccuracy, &CellAccuracy)], shares: Shares) -> Opti
     })
 }
 
-/// A comparison within one level of a factor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct LevelComparison {
-    /// The factor, such as `risk`.
-    pub factor: String,
-    /// The level, such as `low`.
-    pub level: String,
-    /// The comparison, if there is enough to compare.
-    pub comparison: Option<Comparison>,
-}
-
-/// Compares two models within each level of each factor, in the order in which levels first appear.
-///
-/// * `levels`: for each cell its `(factor, level)` pairs.
-pub fn compare_by_level(
-    cells: &[(&CellAccuracy, &CellAccuracy)],
-    levels: &[Vec<(String, String)>],
-    shares: Shares,
-) -> Vec<LevelComparison> {
-    let mut known: Vec<&(String, String)> = Vec::new();
-    for level in levels.iter().flatten() {
-        if !known.contains(&level) {
-            known.push(level);
-        }
-    }
-    // A factor's levels stand together, factors in the order of their first appearance.
-    let order: Vec<&str> = known.iter().map(|(factor, _)| factor.as_str()).collect();
-    let mut sorted = known.clone();
-    sorted.sort_by_key(|(factor, _)| order.iter().position(|other| *other == factor.as_str()));
-    sorted
-        .into_iter()
-        .map(|level| {
-            let chosen: Vec<_> = cells
-                .iter()
-                .zip(levels)
-                .filter(|(_, of_cell)| of_cell.contains(level))
-                .map(|(cell, _)| *cell)
-                .collect();
-            LevelComparison {
-                factor: level.0.clone(),
-                level: level.1.clone(),
-                comparison: compare(&chosen, shares),
-            }
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -441,19 +394,5 @@ mod tests {
         assert!((paired.p - 0.002833).abs() < 1e-6);
         assert!((welch.t - -1.8608).abs() < 1e-4 && (welch.df - 17.776).abs() < 1e-3);
         assert!((welch.p - 0.07939).abs() < 1e-5);
-    }
-
-    #[test]
-    fn levels_are_compared_apart() {
-        let (low, high) = (cell(&[1.0, 2.0, 4.0]), cell(&[0.0, 0.5, 0.7]));
-        let levels = [
-            vec![("risk".to_owned(), "low".to_owned())],
-            vec![("risk".to_owned(), "high".to_owned())],
-        ];
-        let found = compare_by_level(&[(&low, &high), (&high, &low)], &levels, Shares::Observed);
-        assert_eq!(found.len(), 2);
-        let difference = |index: usize| found[index].comparison.as_ref().unwrap().mean_difference;
-        assert_eq!(found[0].level, "low");
-        assert!((difference(0) + difference(1)).abs() < 1e-12 && difference(0) > 0.0);
     }
 }
