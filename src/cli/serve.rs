@@ -130,11 +130,15 @@ fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
     };
     let entries = std::fs::read_dir(folder)
         .with_context(|| format!("reading the studies folder {}", folder.display()))?;
-    for entry in entries {
-        let path = entry?.path();
-        if path.extension().is_none_or(|extension| extension != "toml") {
-            continue;
-        }
+    let mut paths = entries
+        .map(|entry| Ok(entry?.path()))
+        .collect::<std::io::Result<Vec<PathBuf>>>()?;
+    paths.retain(|path| {
+        path.extension()
+            .is_some_and(|extension| extension == "toml")
+    });
+    paths.sort();
+    for path in paths {
         let text = std::fs::read_to_string(&path)
             .with_context(|| format!("reading {}", path.display()))?;
         files.push((path.display().to_string(), text));

@@ -5,7 +5,7 @@ use std::{collections::HashMap, sync::Arc};
 use super::snapshot_cache::SnapshotCache;
 use crate::{
     store::{self, Store, VersionId},
-    study::{ParseError, Study, StudyId},
+    study::{ParseError, Study, StudyId, built_in},
 };
 
 /// All served studies by id and version. They do not change while the server runs.
@@ -24,6 +24,16 @@ pub enum CatalogueError {
     /// A study file is refused.
     #[error(transparent)]
     Parse(#[from] ParseError),
+    /// Two files of the lab's describe the same study.
+    #[error("study {id} is described by {first} and by {second}; give one of them another id")]
+    Twice {
+        /// The id of both.
+        id: StudyId,
+        /// The file that was read first.
+        first: String,
+        /// The other one.
+        second: String,
+    },
     /// The database does not take or give the texts.
     #[error("study files: {0}")]
     Store(#[from] store::Error),
@@ -39,20 +49,7 @@ impl Catalogue {
         store: &Store,
         files: Vec<(String, String)>,
     ) -> Result<Self, CatalogueError> {
-        let mut studies: Vec<Study> = Vec::new();
-        for (file, text) in files {
-            let study = Study::parse(&file, &text)?;
-            match studies
-                .iter_mut()
-                .find(|earlier| earlier.id() == study.id())
-            {
-                Some(earlier) => {
-                    tracing::info!(study = %study.id(), file, "this file replaces an earlier one of the same study");
-                    *earlier = study;
-                }
-                None => studies.push(study),
-            }
-        }
+        let studies = parse(files)?;
         let mut catalogue = Self {
             current: Vec::new(),
             versions: HashMap::new(),
@@ -67,7 +64,31 @@ impl Catalogue {
             catalogue.versions.insert(version, study.clone());
             catalogue.current.push((version, study));
         }
+        catalogue.add_stored(store).await?;
         Ok(catalogue)
+    }
+
+    /// Studies whose file is gone are served as they were stored, so that people under way can finish and their
+    /// answers can be read.
+    async fn add_stored(&mut self, store: &Store) -> Result<(), CatalogueError> {
+        for row in store.studies().await? {
+            if self.current(&row.id).is_some() {
+                continue;
+            }
+            for stored in store.study_versions(&row.id).await? {
+                let study = Study::parse(
+                    &format!("version {} of {}", stored.id, row.id),
+                    &stored.text,
+                )?;
+                let study = Arc::new(study);
+                self.versions.insert(stored.id, study.clone());
+                if stored.id == row.version {
+                    self.current.push((stored.id, study));
+                }
+            }
+            tracing::warn!(study = %row.id, "no file describes this study any more; it is served as it was stored");
+        }
+        Ok(())
     }
 
     async fn add_earlier(
@@ -113,4 +134,29 @@ impl Catalogue {
     pub fn studies(&self) -> impl Iterator<Item = &Arc<Study>> {
         self.current.iter().map(|(_, study)| study)
     }
+}
+
+/// Reads study files in their order. A file may replace a built-in study, but no other file.
+fn parse(files: Vec<(String, String)>) -> Result<Vec<Study>, CatalogueError> {
+    let mut read: Vec<(String, Study)> = Vec::new();
+    for (file, text) in files {
+        let study = Study::parse(&file, &text)?;
+        let Some((earlier_file, earlier)) = read
+            .iter_mut()
+            .find(|(_, earlier)| earlier.id() == study.id())
+        else {
+            read.push((file, study));
+            continue;
+        };
+        if built_in().iter().all(|(name, _)| name != earlier_file) {
+            return Err(CatalogueError::Twice {
+                id: study.id().clone(),
+                first: earlier_file.clone(),
+                second: file,
+            });
+        }
+        tracing::info!(study = %study.id(), file, "this file replaces the built-in study");
+        (*earlier_file, *earlier) = (file, study);
+    }
+    Ok(read.into_iter().map(|(_, study)| study).collect())
 }

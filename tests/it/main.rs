@@ -3,6 +3,7 @@
 mod api;
 mod app;
 mod architecture;
+mod catalogue;
 mod crash;
 mod crowd;
 mod fit;
