@@ -8,10 +8,19 @@ use anyhow::{Context, anyhow, bail, ensure};
 use crate::inference::{ChoiceData, FittedProblem, Group};
 use crate::model::{ChoiceProblem, OrderedMap};
 
-/// Choices read from a file, and how many rows were left out because they are no choice.
+/// Choices read from a file, and what was left out of it.
 pub(super) struct ChoiceFile {
     pub(super) data: ChoiceData,
-    pub(super) left_out: u64,
+    pub(super) left_out: LeftOut,
+}
+
+/// How many rows of a file were left out.
+#[derive(Clone, Copy, Default)]
+pub(super) struct LeftOut {
+    /// Those that are not answered, so no choice.
+    pub(super) unanswered: u64,
+    /// Answered ones of a problem that is not among those to fit.
+    pub(super) other_problems: u64,
 }
 
 /// Reads `{"ID":{"ACTION":[[p,R],...],...},...}`.
@@ -34,7 +43,9 @@ pub(super) fn read_problems(path: &Path) -> anyhow::Result<Vec<FittedProblem>> {
 
 /// Reads choices with the columns `problem` and `action`, and `participant`, `count` and `status` where there are.
 ///
-/// Rows whose `status` is not `answered` are no choice; they are counted and otherwise ignored.
+/// With a column `status` the file is an export. Rows in it that are not `answered` are no choice, and practice, baseline
+/// and other questions have rows of problems that are not to be fitted: both are counted and otherwise ignored. In a file
+/// without that column an unknown problem is an error.
 pub(super) fn read_choices(
     path: &Path,
     problems: Vec<FittedProblem>,
@@ -49,7 +60,8 @@ pub(super) fn read_choices(
         .with_context(|| format!("cannot read the header of {shown}"))?;
     let columns = Columns::of(headers).with_context(|| format!("{shown}, line 1"))?;
 
-    let mut left_out = 0;
+    let mut left_out = LeftOut::default();
+    let is_known = |id: &str| problems.iter().any(|problem| problem.id == id);
     let mut people: BTreeMap<String, Pattern> = BTreeMap::new();
     let mut anonymous = Pattern::new();
     for record in reader.records() {
@@ -57,7 +69,11 @@ pub(super) fn read_choices(
         let line = record.position().map_or(0, csv::Position::line);
         let field = |column: Option<usize>| column.and_then(|column| record.get(column));
         if field(columns.status).is_some_and(|status| status != "answered") {
-            left_out += 1;
+            left_out.unanswered += 1;
+            continue;
+        }
+        if columns.status.is_some() && !is_known(&record[columns.problem]) {
+            left_out.other_problems += 1;
             continue;
         }
         let choice = read_choice(&record, &columns, &problems)
@@ -71,6 +87,11 @@ pub(super) fn read_choices(
             .checked_add(choice.count)
             .with_context(|| format!("{shown}, line {line}: too many choices to count"))?;
     }
+    ensure!(
+        left_out.other_problems == 0 || !people.is_empty() || !anonymous.is_empty(),
+        "{shown}: none of its answers is to a problem of the problems file; {} are to others",
+        left_out.other_problems
+    );
     let groups = groups(&problems, people.into_values(), anonymous);
     let data = ChoiceData::new(problems, groups).with_context(|| format!("{shown}"))?;
     Ok(ChoiceFile { data, left_out })

@@ -24,8 +24,8 @@ pub(super) struct Arguments {
     /// Problems: {"ID":{"ACTION":[[p,R],...],...},...}
     #[arg(long, value_name = "FILE.json")]
     problems: PathBuf,
-    /// Choices: CSV with columns problem and action, and optionally participant, count and status (rows that are not
-    /// `answered` are left out); other columns are ignored
+    /// Choices: CSV with columns problem and action, and optionally participant, count and status (with it, rows
+    /// that are not `answered` or of no problem given are left out and counted); other columns are ignored
     #[arg(long, value_name = "FILE.csv")]
     choices: PathBuf,
     /// Print JSON for machines
@@ -97,7 +97,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .map(|fit| (fit.model.id.to_owned(), shown(fit)))
                 .collect(),
             n: data.n(),
-            left_out,
+            left_out: left_out.unanswered,
+            other_problems: left_out.other_problems,
             seed: arguments.seed,
             reference_reward,
         };
@@ -136,6 +137,7 @@ struct Report {
     models: OrderedMap<FitSummary>,
     n: u64,
     left_out: u64,
+    other_problems: u64,
     seed: u64,
     reference_reward: f64,
 }

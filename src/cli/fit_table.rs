@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use super::choice_files::LeftOut;
 use crate::inference::accuracy::{CellAccuracy, LnKl, Shares, pooled};
 use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
 
@@ -9,15 +10,17 @@ use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
 pub(super) fn write_table(
     out: &mut dyn Write,
     data: &ChoiceData,
-    left_out: u64,
+    left_out: LeftOut,
     fits: &[Fit],
     show_unconverged: bool,
 ) -> io::Result<()> {
     writeln!(
         out,
-        "{} choices in {} problems, {left_out} rows left out",
+        "{} choices in {} problems, {} rows left out as not answered, {} as of other problems",
         data.n(),
-        data.problems().len()
+        data.problems().len(),
+        left_out.unanswered,
+        left_out.other_problems
     )?;
     let shown: Vec<&Fit> = fits
         .iter()

@@ -18,7 +18,8 @@ use super::diagnostics::{mean, quantile, variance};
 /// * `observed`: shares f, summing to 1.
 /// * `ln_predicted`: ln q, the q summing to 1; −∞ where f > 0 makes the divergence infinite.
 ///
-/// Every term of the second form is ≥ 0, so close agreement keeps its digits.
+/// Every term of the second form is ≥ 0, so close agreement keeps its digits. Under q = f/2 nothing cancels, and the term
+/// is f (ln f − ln q) − f + q: there 1 + x would lose the digits of q and at last be 0.
 pub fn divergence(observed: &[f64], ln_predicted: &[f64]) -> f64 {
     let pairs = observed.iter().zip(ln_predicted);
     pairs
@@ -26,8 +27,8 @@ pub fn divergence(observed: &[f64], ln_predicted: &[f64]) -> f64 {
             let q = ln_q.exp();
             if *f == 0.0 {
                 q
-            } else if q < f64::MIN_POSITIVE {
-                f * (f.ln() - ln_q) - f
+            } else if q < f / 2.0 {
+                f * (f.ln() - ln_q) - f + q
             } else {
                 f * excess((q - f) / f)
             }
@@ -35,7 +36,7 @@ pub fn divergence(observed: &[f64], ln_predicted: &[f64]) -> f64 {
         .sum()
 }
 
-/// x − ln(1 + x) for x > −1, without cancellation near 0.
+/// x − ln(1 + x) for x ≥ −½, without cancellation near 0.
 fn excess(x: f64) -> f64 {
     if x.abs() < 1e-3 {
         x * x * (1.0 / 2.0 - x * (1.0 / 3.0 - x * (1.0 / 4.0 - x * (1.0 / 5.0 - x / 6.0))))
@@ -58,7 +59,8 @@ pub fn reference_level(actions: usize, n: u64) -> f64 {
     digamma((actions as f64 - 1.0) / 2.0) + std::f64::consts::LN_2 - (2.0 * n as f64).ln()
 }
 
-/// ln KL over independent posterior samples. Where a sample's KL is exactly 0, mean and sd are missing.
+/// ln KL over independent posterior samples. Where a sample's KL is exactly 0 or infinite, mean and sd are missing; where
+/// one is no number, all figures are.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LnKl {
     /// Mean.
@@ -88,7 +90,7 @@ impl LnKl {
         let exact_zeros = samples.iter().filter(|ln_kl| ln_kl.is_none()).count();
         let usable = |value: f64| Some(value).filter(|value| value.is_finite());
         let at = |probability| {
-            if sorted.is_empty() {
+            if sorted.is_empty() || sorted.iter().any(|ln_kl| ln_kl.is_nan()) {
                 None
             } else {
                 usable(quantile(&sorted, probability))
@@ -125,8 +127,10 @@ pub struct CellAccuracy {
     /// Against smoothed shares (n_a + ½)/(n + A/2).
     pub smoothed: LnKl,
     /// ln KL of each sample, nothing where KL is exactly 0.
+    #[serde(with = "stored_samples")]
     pub samples: Vec<Option<f64>>,
     /// The same against smoothed shares.
+    #[serde(with = "stored_samples")]
     pub smoothed_samples: Vec<Option<f64>>,
 }
 
@@ -175,10 +179,51 @@ pub fn smoothed_shares(counts: &[u64]) -> Vec<f64> {
         .collect()
 }
 
-/// ln KL, or nothing if KL is exactly 0.
+/// ln KL, or nothing if KL is exactly 0; a KL that is infinite or no number stays what it is.
 pub fn ln_divergence(observed: &[f64], ln_predicted: &[f64]) -> Option<f64> {
     let divergence = divergence(observed, ln_predicted);
-    (divergence > 0.0).then(|| divergence.ln())
+    (divergence != 0.0).then(|| divergence.ln())
+}
+
+/// Samples in JSON, which knows no infinity: null is a KL of exactly 0, so what is not finite is written as text.
+mod stored_samples {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    #[derive(Serialize, Deserialize)]
+    #[serde(untagged)]
+    enum Stored {
+        Finite(f64),
+        NotFinite(String),
+    }
+
+    pub(super) fn serialize<S: Serializer>(
+        samples: &[Option<f64>],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(samples.iter().map(|sample| {
+            sample.map(|ln_kl| {
+                if ln_kl.is_finite() {
+                    Stored::Finite(ln_kl)
+                } else {
+                    Stored::NotFinite(ln_kl.to_string())
+                }
+            })
+        }))
+    }
+
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(
+        deserializer: D,
+    ) -> Result<Vec<Option<f64>>, D::Error> {
+        let number = |stored| match stored {
+            Stored::Finite(ln_kl) => Ok(ln_kl),
+            Stored::NotFinite(text) => text.parse().map_err(D::Error::custom),
+        };
+        let samples: Vec<Option<Stored>> = Vec::deserialize(deserializer)?;
+        samples
+            .into_iter()
+            .map(|sample| sample.map(number).transpose())
+            .collect()
+    }
 }
 
 /// Which shares pooled figures are made from.
@@ -334,6 +379,49 @@ mod tests {
     fn vanishing_predictions_cost_their_logarithm() {
         let found = divergence(&[0.5, 0.5], &[-2000.0, 0.0]);
         assert!((found - (1000.0 - std::f64::consts::LN_2)).abs() < 1e-9);
+    }
+
+    /// KL((½, ½) ‖ (q, 1)) → −ln 2 − ½ ln q, over the range in which q is a number but 1 + (q − f)/f may be 0.
+    #[test]
+    fn tiny_predictions_cost_a_finite_divergence() {
+        for ln_q in [-30.0_f64, -40.0, -100.0, -700.0] {
+            let found = divergence(&[0.5, 0.5], &[ln_q, (-ln_q.exp()).ln_1p()]);
+            let expected = -std::f64::consts::LN_2 - ln_q / 2.0;
+            assert!((found / expected - 1.0).abs() < 1e-12, "{ln_q}: {found}");
+        }
+    }
+
+    /// Both forms of a term are the same function where one takes over from the other, at q = f/2.
+    #[test]
+    fn the_two_forms_meet() {
+        let f = 0.6;
+        for ratio in [0.45, 0.499_999_999, 0.5, 0.500_000_001, 0.55] {
+            let q = ratio * f;
+            let found = divergence(&[f, 1.0 - f], &ln(&[q, 1.0 - q]));
+            let expected = f * (f / q).ln() + (1.0 - f) * ((1.0 - f) / (1.0 - q)).ln();
+            assert!((found - expected).abs() < 1e-13, "{ratio}: {found}");
+            let x = (q - f) / f;
+            assert!((excess(x) - ((f.ln() - q.ln()) - 1.0 + ratio)).abs() < 1e-13);
+        }
+    }
+
+    /// An impossible prediction is no exact one, in memory and after JSON.
+    #[test]
+    fn infinite_scores_are_no_exact_zeros() {
+        let impossible = [f64::NEG_INFINITY, 0.0];
+        let exact = ln(&[0.5, 0.5]);
+        let unknown = [f64::NAN, f64::NAN];
+        let near = ln(&[0.4, 0.6]);
+        let cell = CellAccuracy::of("x", &[5, 5], &[&impossible, &exact, &near]).unwrap();
+        assert_eq!(cell.samples[..2], [Some(f64::INFINITY), None]);
+        assert_eq!((cell.ln_kl.exact_zeros, cell.ln_kl.mean), (1, None));
+        let text = serde_json::to_string(&cell).unwrap();
+        let read: CellAccuracy = serde_json::from_str(&text).unwrap();
+        assert_eq!(read.samples[..2], cell.samples[..2]);
+
+        let cell = CellAccuracy::of("x", &[5, 5], &[&unknown, &near]).unwrap();
+        assert!(cell.samples[0].unwrap().is_nan());
+        assert_eq!((cell.ln_kl.exact_zeros, cell.ln_kl.median), (0, None));
     }
 
     #[test]

@@ -31,8 +31,9 @@ pub struct Band {
     pub q75: f64,
     /// 95 % quantile.
     pub q95: f64,
-    /// Prior mean; the prior median for what is measured in logits, whose mean a heavy tail moves.
-    pub prior: f64,
+    /// Prior mean; the prior median for what is measured in logits, whose tail is so heavy that a mean says nothing.
+    /// Missing if no prior draw has a value.
+    pub prior: Option<f64>,
 }
 
 /// A function of one variable with its band at each point.
@@ -40,8 +41,8 @@ pub struct Band {
 pub struct Curve {
     /// Where.
     pub x: Vec<f64>,
-    /// What is known there.
-    pub bands: Vec<Band>,
+    /// What is known there: nothing if no posterior draw has a value.
+    pub bands: Vec<Option<Band>>,
 }
 
 /// The decision weight of a risky outcome as a function of its true probability.
@@ -66,8 +67,8 @@ pub struct ActionGap {
     pub action: String,
     /// The action it is compared with: the first sure one, or the first if none is.
     pub than: String,
-    /// θ times the difference of utilities, in logits.
-    pub logits: Band,
+    /// θ times the difference of utilities, in logits; missing if no posterior draw has one.
+    pub logits: Option<Band>,
 }
 
 /// All curves of one model.
@@ -167,7 +168,7 @@ impl Sample {
         }
     }
 
-    fn band(&self, centre: Centre, function: impl Fn(&Parameters) -> f64) -> Band {
+    fn band(&self, centre: Centre, function: impl Fn(&Parameters) -> f64) -> Option<Band> {
         let sorted = |people: &[Parameters]| {
             // A draw under which decision weights vanish has no value.
             let values = people
@@ -176,20 +177,20 @@ impl Sample {
                 .filter(|value| value.is_finite());
             let mut values: Vec<f64> = values.collect();
             values.sort_by(f64::total_cmp);
-            if values.is_empty() { vec![0.0] } else { values }
+            (!values.is_empty()).then_some(values)
         };
-        let (posterior, prior) = (sorted(&self.posterior), sorted(&self.prior));
-        Band {
+        let posterior = sorted(&self.posterior)?;
+        Some(Band {
             mean: mean(&posterior),
             q5: quantile(&posterior, 0.05),
             q25: quantile(&posterior, 0.25),
             q75: quantile(&posterior, 0.75),
             q95: quantile(&posterior, 0.95),
-            prior: match centre {
+            prior: sorted(&self.prior).map(|prior| match centre {
                 Centre::Mean => mean(&prior),
                 Centre::Median => quantile(&prior, 0.5),
-            },
-        }
+            }),
+        })
     }
 }
 
@@ -324,4 +325,20 @@ fn gaps(problems: &[FittedProblem], sample: &Sample, options: RiskAwareOptions) 
         }
     }
     gaps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A band of nothing is nothing: a 0 would look like a finding.
+    #[test]
+    fn draws_without_a_value_make_no_band() {
+        let person = Parameters::ONES;
+        let sample = Sample {
+            posterior: vec![person],
+            prior: vec![person],
+        };
+        assert_eq!(sample.band(Centre::Mean, |_| f64::NAN), None);
+    }
 }

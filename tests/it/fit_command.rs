@@ -117,6 +117,7 @@ fn rows_counts_and_columns_in_any_order_are_one() {
         }
     }
     long += "late,p,x,low,stop\ntimed_out,p,x,low,\n";
+    long += "answered,p,x,practice,left\nanswered,p,x,baseline,stop\nlate,p,x,practice,left\n";
     let arguments = ["--json", "--models", "noisy_rational"];
     let read = |choices: &str| -> Value {
         let output = Files::new(PROBLEMS, choices).fit(&arguments);
@@ -126,8 +127,10 @@ fn rows_counts_and_columns_in_any_order_are_one() {
     assert_eq!(rows["models"], counts["models"]);
     assert_eq!(
         (rows["n"].as_u64(), rows["left_out"].as_u64()),
-        (Some(60), Some(2))
+        (Some(60), Some(3))
     );
+    assert_eq!(rows["other_problems"].as_u64(), Some(2));
+    assert_eq!(counts["other_problems"].as_u64(), Some(0));
     assert_eq!(counts["left_out"].as_u64(), Some(0));
 }
 
@@ -191,6 +194,10 @@ fn errors_name_file_line_column_value_and_what_is_allowed() {
     check(
         "problem,action\nmid,stop\n",
         "line 2: column `problem`: unknown problem `mid`, allowed are low, high",
+    );
+    check(
+        "problem,action,status\nmid,stop,answered\n",
+        "choices.csv: none of its answers is to a problem of the problems file; 1 are to others",
     );
     check(
         "problem,action,count\nlow,stop,-1\n",

@@ -38,6 +38,7 @@ pub(in crate::web) struct CellRow {
     pub id: String,
     #[serde(skip)]
     pub label: String,
+    /// Answers that are scored; all there are while there is no score.
     pub n: u64,
     /// Everybody chose the same: ln KL has no lower bound there.
     pub unanimous: bool,
@@ -120,6 +121,7 @@ type Levels = Vec<(FactorId, LevelId)>;
 /// A fitted cell with answers, and each model's score in it if its fit has converged.
 struct FittedCell<'a> {
     levels: &'a Levels,
+    /// In the answers of any of its scores; in those there are while there is no score.
     is_unanimous: bool,
     aware: Option<&'a Scored>,
     noisy: Option<&'a Scored>,
@@ -131,18 +133,31 @@ impl Accuracy {
         let mut rows = Vec::new();
         let mut cells = Vec::new();
         for (cell, counts) in study.cells().iter().zip(&snapshot.counts.cells) {
-            let n = counts.n();
-            if !cell.fitted || n == 0 {
+            if !cell.fitted {
                 continue;
             }
             let scored = |model| snapshot.accuracy(&plan.id, model, cell.id.as_str());
-            let is_unanimous = counts.actions.contains(&n);
+            let scores = || MODELS.iter().filter_map(|model| scored(model.id));
+            // Answers that came after a fit are in no score: what stands beside a score is of the answers it is of.
+            let (n, is_unanimous, reference) = match scores().max_by_key(|scored| scored.n) {
+                Some(scored) => (scored.n, scored.unanimous, scored.reference_level),
+                None => {
+                    let n = counts.n();
+                    let is_unanimous = counts.actions.contains(&n);
+                    let reference =
+                        (n > 0 && !is_unanimous).then(|| reference_level(cell.actions.len(), n));
+                    (n, is_unanimous, reference)
+                }
+            };
+            if n == 0 {
+                continue;
+            }
             rows.push(CellRow {
                 id: cell.id.to_string(),
                 label: cell.label.clone(),
                 n,
                 unanimous: is_unanimous,
-                reference: (!is_unanimous).then(|| reference_level(cell.actions.len(), n)),
+                reference,
                 models: MODELS
                     .iter()
                     .map(|model| {
@@ -155,7 +170,7 @@ impl Accuracy {
             });
             cells.push(FittedCell {
                 levels: &cell.levels,
-                is_unanimous,
+                is_unanimous: is_unanimous || scores().any(|scored| scored.unanimous),
                 aware: scored(RISK_AWARE.id),
                 noisy: scored(NOISY_RATIONAL.id),
             });
@@ -270,7 +285,15 @@ fn pooled_row(
         .zip(noisy.as_ref())
         .and_then(|(aware, noisy)| {
             let pairs: Vec<_> = aware.iter().copied().zip(noisy.iter().copied()).collect();
-            compare(&pairs, shares)
+            // While one model's fit is older than the other's, they are scored against different answers.
+            let same = |(aware, noisy): &(&Scored, &Scored)| {
+                aware.n == noisy.n && aware.observed == noisy.observed
+            };
+            pairs
+                .iter()
+                .all(same)
+                .then(|| compare(&pairs, shares))
+                .flatten()
         });
     let score = |cells: Option<Vec<&Scored>>| cells.map(|cells| pooled(&cells, shares).into());
     PooledRow {

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::{
-    inference::curves::{Curve, Curves as Fitted},
+    inference::curves::{Band, Curve, Curves as Fitted},
     jobs::{PartFit, Snapshot},
     model::OrderedMap,
     study::{PlanId, RewardUnit},
@@ -49,16 +49,18 @@ pub(in crate::web) struct ModelCurves {
     pub gaps: Vec<Gap>,
 }
 
-/// One curve, column by column.
+/// One curve, column by column; null where no draw has a value.
 #[derive(Debug, Serialize)]
 pub(in crate::web) struct Series {
     pub x: Vec<f64>,
-    pub mean: Vec<f64>,
-    pub q5: Vec<f64>,
-    pub q25: Vec<f64>,
-    pub q75: Vec<f64>,
-    pub q95: Vec<f64>,
-    pub prior_mean: Vec<f64>,
+    pub mean: Vec<Option<f64>>,
+    pub q5: Vec<Option<f64>>,
+    pub q25: Vec<Option<f64>>,
+    pub q75: Vec<Option<f64>>,
+    pub q95: Vec<Option<f64>>,
+    /// The prior's mean, save in `value_logits`, where it is the prior's median: the product of θ and a power of the
+    /// reward has so heavy a tail that its mean may not exist.
+    pub prior_mean: Vec<Option<f64>>,
 }
 
 #[derive(Debug, Serialize)]
@@ -76,9 +78,9 @@ pub(in crate::web) struct Gap {
     pub cell: String,
     pub action: String,
     pub than: String,
-    pub mean: f64,
-    pub q5: f64,
-    pub q95: f64,
+    pub mean: Option<f64>,
+    pub q5: Option<f64>,
+    pub q95: Option<f64>,
 }
 
 impl Curves {
@@ -140,9 +142,9 @@ fn model(part: &PartFit, unit: &RewardUnit) -> Option<(String, ModelCurves)> {
                 cell: gap.problem.clone(),
                 action: gap.action.clone(),
                 than: gap.than.clone(),
-                mean: gap.logits.mean,
-                q5: gap.logits.q5,
-                q95: gap.logits.q95,
+                mean: gap.logits.map(|band| band.mean),
+                q5: gap.logits.map(|band| band.q5),
+                q95: gap.logits.map(|band| band.q95),
             })
             .collect(),
     };
@@ -170,15 +172,17 @@ fn decision_weight(fitted: &Fitted, unit: &RewardUnit) -> Option<DecisionWeight>
 }
 
 fn series(curve: &Curve) -> Series {
-    let column =
-        |of: fn(&crate::inference::curves::Band) -> f64| curve.bands.iter().map(of).collect();
+    let column = |of: fn(&Band) -> Option<f64>| {
+        let bands = curve.bands.iter();
+        bands.map(|band| band.as_ref().and_then(of)).collect()
+    };
     Series {
         x: curve.x.clone(),
-        mean: column(|band| band.mean),
-        q5: column(|band| band.q5),
-        q25: column(|band| band.q25),
-        q75: column(|band| band.q75),
-        q95: column(|band| band.q95),
+        mean: column(|band| Some(band.mean)),
+        q5: column(|band| Some(band.q5)),
+        q25: column(|band| Some(band.q25)),
+        q75: column(|band| Some(band.q75)),
+        q95: column(|band| Some(band.q95)),
         prior_mean: column(|band| band.prior),
     }
 }

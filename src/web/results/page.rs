@@ -257,7 +257,7 @@ fn curve_table(
                     continue;
                 };
                 for index in spread(series.x.len()) {
-                    let at = |column: &[f64]| Some(column[index]);
+                    let at = |column: &[Option<f64>]| column[index];
                     table.row([
                         part.label.clone(),
                         model.label.to_owned(),
