@@ -80,6 +80,8 @@ pub(super) struct Arrive {
 #[derive(Debug)]
 pub(super) struct Start {
     pub(super) arrival: TokenHash,
+    /// The study whose button was pressed.
+    pub(super) study: StudyId,
     pub(super) link: Token,
     pub(super) version: VersionId,
     pub(super) steps: Vec<DrawnStep>,
@@ -137,6 +139,14 @@ pub(super) struct Publish {
     pub(super) hash: String,
     pub(super) text: String,
     pub(super) at: Timestamp,
+}
+
+impl Arrive {
+    /// Who it is, if a recruiting platform said so.
+    pub(super) fn person(&self) -> Option<(StudyId, String, String)> {
+        let (platform, key) = self.platform.clone().zip(self.platform_key.clone())?;
+        Some((self.study.clone(), platform, key))
+    }
 }
 
 impl Job {

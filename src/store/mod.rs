@@ -135,6 +135,8 @@ pub struct NewArrival {
 /// How a run begins.
 #[derive(Debug, Clone)]
 pub struct NewRun {
+    /// The study whose button was pressed; the arrival must be one of it.
+    pub study: StudyId,
     /// The study version that its texts come from.
     pub version: VersionId,
     /// Its steps; see [`draw_run`].
@@ -252,6 +254,16 @@ impl Store {
         self.shared.changes.subscribe()
     }
 
+    /// Whether an answer that came now could be stored, as far as is known: the writer runs, and its last commit
+    /// reached the disk.
+    pub fn is_taking_answers(&self) -> bool {
+        let health = &self.shared.health;
+        !health.stopped.load(Ordering::Acquire)
+            && !health.failed.is_cancelled()
+            && !health.commit_failed.load(Ordering::Acquire)
+            && !self.shared.jobs.is_closed()
+    }
+
     /// Waits until the disk has failed for good: the server is to end, so that its supervisor starts it anew.
     pub async fn failed(&self) {
         self.shared.health.failed.cancelled().await;
@@ -271,7 +283,8 @@ impl Store {
     /// Stores that somebody followed a link to a study, under a token from the caller's generator.
     ///
     /// # Errors
-    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in.
+    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in, except for a person of a recruiting
+    /// platform who has a run there.
     pub async fn arrive(
         &self,
         token: &Token,
@@ -302,11 +315,12 @@ impl Store {
     /// Starts the run of an arrival, or finds the one that it or the same person of a recruiting platform has.
     ///
     /// # Errors
-    /// `NotFound` for an unknown or expired arrival, `Closed` where a new run would be needed and the study takes
+    /// `NotFound` for an unknown or expired arrival or one of another study, `Closed` where a new run would be needed and the study takes
     /// nobody in (a preview starts in any state).
     pub async fn start(&self, arrival: &Token, run: NewRun) -> Result<Started, Error> {
         let start = Box::new(Start {
             arrival: arrival.hash(),
+            study: run.study,
             link: self.shared.secret.run_token(arrival),
             version: run.version,
             steps: run.steps,
