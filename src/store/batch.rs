@@ -300,6 +300,10 @@ impl Batch {
                 Some(&Body::of(&submit.submission)),
             );
         }
+        if judgement.closed.is_some() && self.runs[&submit.run].facts.state == RunState::Completed {
+            let finisher = submit.link.map(|link| (submit.run, link.to_hex()));
+            self.effects.finishers.extend(finisher);
+        }
         if let Some(shown) = judgement.shown {
             self.add_event(submit.run, shown, EventKind::Shown, submit.at);
         }

@@ -118,6 +118,8 @@ pub struct AskedProblem {
 #[derive(Debug)]
 pub(super) struct Submit {
     pub(super) run: RunId,
+    /// The link on which it was sent, if it was on one.
+    pub(super) link: Option<TokenHash>,
     pub(super) submission: Submission,
     /// The reply and what was measured, as JSON.
     pub(super) body: String,

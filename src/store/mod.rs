@@ -158,7 +158,7 @@ pub struct Started {
     pub run: RunId,
     /// How far it is: a person who has finished gets no second run.
     pub state: RunState,
-    /// Whether the link may withdraw and see the completion code.
+    /// Whether the link may withdraw.
     pub is_owner: bool,
     /// Whether the run was there before.
     pub is_resumed: bool,
@@ -338,6 +338,28 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown run, `Refused` where the run's rules say no.
     pub async fn submit(&self, run: RunId, submission: Submission) -> Result<Submitted, Error> {
+        self.submit_form(run, None, submission).await
+    }
+
+    /// The same for a form that was sent on a link: the one that completes the run shows the completion code.
+    ///
+    /// # Errors
+    /// As [`Store::submit`].
+    pub async fn submit_on(
+        &self,
+        link: &Token,
+        run: RunId,
+        submission: Submission,
+    ) -> Result<Submitted, Error> {
+        self.submit_form(run, Some(link.hash()), submission).await
+    }
+
+    async fn submit_form(
+        &self,
+        run: RunId,
+        link: Option<TokenHash>,
+        submission: Submission,
+    ) -> Result<Submitted, Error> {
         if !(1..=64).contains(&submission.key.len()) {
             return Err(Error::Refused(format!(
                 "the form's key has {} bytes; 1 to 64 are allowed",
@@ -348,6 +370,7 @@ impl Store {
         let body_hash = data_encoding::HEXLOWER.encode(&Sha256::digest(&body));
         let submit = Submit {
             run,
+            link,
             submission,
             body,
             body_hash,
