@@ -269,12 +269,6 @@ impl Store {
         self.shared.health.failed.cancelled().await;
     }
 
-    /// The size of the write-ahead log in bytes, for metrics.
-    pub fn log_bytes(&self) -> u64 {
-        std::fs::metadata(disk::with_suffix(&self.shared.path, "-wal"))
-            .map_or(0, |found| found.len())
-    }
-
     /// How many commits there were since the start, for metrics.
     pub fn commits(&self) -> u64 {
         self.shared.health.commits.load(Ordering::Relaxed)
