@@ -96,7 +96,9 @@ create table run_token (
     token_hash blob primary key check (length(token_hash) = 32),
     run_id integer not null references run (id),
     -- The link of the one who started it. Another link of the same recruited person may go on, but not withdraw.
-    is_owner integer not null check (is_owner in (0, 1))
+    is_owner integer not null check (is_owner in (0, 1)),
+    -- The link on which the last step was answered: it shows the completion code too.
+    is_finisher integer not null default 0 check (is_finisher in (0, 1))
 ) strict, without rowid;
 create index run_token_of_run on run_token (run_id);
 

@@ -1,6 +1,6 @@
 //! A group of participants' jobs: loaded together, judged one after the other, written together.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -49,6 +49,8 @@ pub(super) async fn write(
 struct Batch {
     next: NextIds,
     studies: HashMap<String, StudyState>,
+    /// Those among the arriving people of recruiting platforms who have a run.
+    known_people: HashSet<(StudyId, String, String)>,
     runs: HashMap<RunId, LoadedRun>,
     overdue: Vec<RunId>,
     past_forms: HashMap<(RunId, String), PastForm>,
@@ -65,9 +67,13 @@ impl Batch {
         let mut jobs_by_run: BTreeMap<RunId, u32> = BTreeMap::new();
         let (mut keys, mut starts) = (Vec::new(), Vec::new());
         let (mut has_arrivals, mut overdue) = (false, Vec::new());
+        let mut people = Vec::new();
         for job in jobs {
             match job {
-                Job::Hot(Hot::Arrive(..)) => has_arrivals = true,
+                Job::Hot(Hot::Arrive(arrive, _)) => {
+                    has_arrivals = true;
+                    people.extend(arrive.person());
+                }
                 Job::Hot(Hot::Start(start, _)) => starts.push((start.arrival, start.link.hash())),
                 Job::Hot(Hot::Submit(submit, _)) => {
                     *jobs_by_run.entry(submit.run).or_default() += 1;
@@ -92,6 +98,7 @@ impl Batch {
         Ok(Self {
             next: load::next_ids(connection).await?,
             studies,
+            known_people: load::known_people(connection, &people).await?,
             runs: load::runs(connection, &jobs_by_run).await?,
             overdue,
             past_forms: load::past_forms(connection, &keys).await?,
@@ -107,7 +114,13 @@ impl Batch {
             .studies
             .get(arrive.study.as_str())
             .ok_or(Error::NotFound("study"))?;
-        require_open(&arrive.study, state)?;
+        // Whoever is under way comes back through the same recruiting link, whatever the study's state.
+        let has_run = arrive.person().is_some_and(|person| {
+            self.known_people.contains(&person) || self.started_people.contains_key(&person)
+        });
+        if !has_run {
+            require_open(&arrive.study, state)?;
+        }
         self.effects.arrivals.push(NewArrivalRow {
             token: arrive.token.to_hex(),
             study_id: arrive.study.clone(),
@@ -124,6 +137,7 @@ impl Batch {
         let arrival = self
             .arrivals
             .get(&ordinal)
+            .filter(|arrival| arrival.study == start.study)
             .cloned()
             .ok_or(Error::NotFound("arrival"))?;
         let link = start.link.hash();
@@ -286,6 +300,10 @@ impl Batch {
                 Some(&Body::of(&submit.submission)),
             );
         }
+        if judgement.closed.is_some() && self.runs[&submit.run].facts.state == RunState::Completed {
+            let finisher = submit.link.map(|link| (submit.run, link.to_hex()));
+            self.effects.finishers.extend(finisher);
+        }
         if let Some(shown) = judgement.shown {
             self.add_event(submit.run, shown, EventKind::Shown, submit.at);
         }
@@ -361,6 +379,11 @@ impl Batch {
                 action,
             };
             *self.effects.counts.entry(key).or_default() += 1;
+        }
+        let is_filled = matches!(body.map(|body| &body.reply), Some(Reply::Filled { .. }));
+        // Turning a page changes nothing that is shown, so that the versions stay.
+        if !closed.is_counted && !is_filled && run.facts.state == RunState::Active {
+            return;
         }
         let delta = self
             .effects

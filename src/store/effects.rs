@@ -19,6 +19,8 @@ pub(super) struct Effects {
     pub(super) runs: Vec<NewRunRow>,
     pub(super) steps: Vec<NewStepRow>,
     pub(super) links: Vec<NewLink>,
+    /// Completed runs, each with the hash of the link on which its last step was answered.
+    pub(super) finishers: Vec<(RunId, String)>,
     pub(super) events: Vec<NewEvent>,
     pub(super) answers: Vec<NewAnswer>,
     /// Runs whose row changed.
@@ -180,6 +182,7 @@ impl Effects {
         self.write_arrivals(connection).await?;
         self.write_new_runs(connection).await?;
         self.write_links(connection).await?;
+        self.write_finishers(connection).await?;
         self.write_events(connection).await?;
         self.write_runs(connection, facts).await?;
         self.write_answers(connection).await?;
@@ -292,6 +295,25 @@ impl Effects {
             "#,
         )
         .bind(&links)
+        .execute(connection)
+        .await?;
+        Ok(())
+    }
+
+    async fn write_finishers(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.finishers.is_empty() {
+            return Ok(());
+        }
+        sqlx::query(
+            r#"
+            update run_token
+            set is_finisher = 1
+            from json_each(?) as new
+            where run_token.token_hash = unhex(new.value ->> 1)
+            and run_token.run_id = new.value ->> 0
+            "#,
+        )
+        .bind(json(&self.finishers))
         .execute(connection)
         .await?;
         Ok(())

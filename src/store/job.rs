@@ -80,6 +80,8 @@ pub(super) struct Arrive {
 #[derive(Debug)]
 pub(super) struct Start {
     pub(super) arrival: TokenHash,
+    /// The study whose button was pressed.
+    pub(super) study: StudyId,
     pub(super) link: Token,
     pub(super) version: VersionId,
     pub(super) steps: Vec<DrawnStep>,
@@ -116,6 +118,8 @@ pub struct AskedProblem {
 #[derive(Debug)]
 pub(super) struct Submit {
     pub(super) run: RunId,
+    /// The link on which it was sent, if it was on one.
+    pub(super) link: Option<TokenHash>,
     pub(super) submission: Submission,
     /// The reply and what was measured, as JSON.
     pub(super) body: String,
@@ -137,6 +141,14 @@ pub(super) struct Publish {
     pub(super) hash: String,
     pub(super) text: String,
     pub(super) at: Timestamp,
+}
+
+impl Arrive {
+    /// Who it is, if a recruiting platform said so.
+    pub(super) fn person(&self) -> Option<(StudyId, String, String)> {
+        let (platform, key) = self.platform.clone().zip(self.platform_key.clone())?;
+        Some((self.study.clone(), platform, key))
+    }
 }
 
 impl Job {

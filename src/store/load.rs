@@ -1,6 +1,6 @@
 //! What a group of jobs needs to know, loaded with one statement for each kind of thing.
 
-use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -248,6 +248,36 @@ pub(super) async fn study_states(
             ))
         })
         .collect()
+}
+
+/// Those among `people` (study, platform, key of the person) who have a run there.
+pub(super) async fn known_people(
+    connection: &mut SqliteConnection,
+    people: &[(StudyId, String, String)],
+) -> Result<HashSet<(StudyId, String, String)>, sqlx::Error> {
+    if people.is_empty() {
+        return Ok(HashSet::new());
+    }
+    let rows: Vec<(String, String, String)> = sqlx::query_as(
+        r#"
+        select run.study_id, run.platform, run.platform_key
+        from json_each(?) as asked
+        join run
+            on run.study_id = asked.value ->> 0
+            and run.platform = asked.value ->> 1
+            and run.platform_key = asked.value ->> 2
+        where run.platform_key is not null
+        and run.state <> 'withdrawn'
+        and run.is_preview = 0
+        "#,
+    )
+    .bind(json(&people))
+    .fetch_all(connection)
+    .await?;
+    Ok(rows
+        .into_iter()
+        .map(|(study, platform, key)| (study.into(), platform, key))
+        .collect())
 }
 
 #[derive(sqlx::FromRow)]

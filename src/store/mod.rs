@@ -135,6 +135,8 @@ pub struct NewArrival {
 /// How a run begins.
 #[derive(Debug, Clone)]
 pub struct NewRun {
+    /// The study whose button was pressed; the arrival must be one of it.
+    pub study: StudyId,
     /// The study version that its texts come from.
     pub version: VersionId,
     /// Its steps; see [`draw_run`].
@@ -156,7 +158,7 @@ pub struct Started {
     pub run: RunId,
     /// How far it is: a person who has finished gets no second run.
     pub state: RunState,
-    /// Whether the link may withdraw and see the completion code.
+    /// Whether the link may withdraw.
     pub is_owner: bool,
     /// Whether the run was there before.
     pub is_resumed: bool,
@@ -252,15 +254,19 @@ impl Store {
         self.shared.changes.subscribe()
     }
 
+    /// Whether an answer that came now could be stored, as far as is known: the writer runs, and its last commit
+    /// reached the disk.
+    pub fn is_taking_answers(&self) -> bool {
+        let health = &self.shared.health;
+        !health.stopped.load(Ordering::Acquire)
+            && !health.failed.is_cancelled()
+            && !health.commit_failed.load(Ordering::Acquire)
+            && !self.shared.jobs.is_closed()
+    }
+
     /// Waits until the disk has failed for good: the server is to end, so that its supervisor starts it anew.
     pub async fn failed(&self) {
         self.shared.health.failed.cancelled().await;
-    }
-
-    /// The size of the write-ahead log in bytes, for metrics.
-    pub fn log_bytes(&self) -> u64 {
-        std::fs::metadata(disk::with_suffix(&self.shared.path, "-wal"))
-            .map_or(0, |found| found.len())
     }
 
     /// How many commits there were since the start, for metrics.
@@ -271,7 +277,8 @@ impl Store {
     /// Stores that somebody followed a link to a study, under a token from the caller's generator.
     ///
     /// # Errors
-    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in.
+    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in, except for a person of a recruiting
+    /// platform who has a run there.
     pub async fn arrive(
         &self,
         token: &Token,
@@ -302,11 +309,12 @@ impl Store {
     /// Starts the run of an arrival, or finds the one that it or the same person of a recruiting platform has.
     ///
     /// # Errors
-    /// `NotFound` for an unknown or expired arrival, `Closed` where a new run would be needed and the study takes
+    /// `NotFound` for an unknown or expired arrival or one of another study, `Closed` where a new run would be needed and the study takes
     /// nobody in (a preview starts in any state).
     pub async fn start(&self, arrival: &Token, run: NewRun) -> Result<Started, Error> {
         let start = Box::new(Start {
             arrival: arrival.hash(),
+            study: run.study,
             link: self.shared.secret.run_token(arrival),
             version: run.version,
             steps: run.steps,
@@ -324,6 +332,28 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown run, `Refused` where the run's rules say no.
     pub async fn submit(&self, run: RunId, submission: Submission) -> Result<Submitted, Error> {
+        self.submit_form(run, None, submission).await
+    }
+
+    /// The same for a form that was sent on a link: the one that completes the run shows the completion code.
+    ///
+    /// # Errors
+    /// As [`Store::submit`].
+    pub async fn submit_on(
+        &self,
+        link: &Token,
+        run: RunId,
+        submission: Submission,
+    ) -> Result<Submitted, Error> {
+        self.submit_form(run, Some(link.hash()), submission).await
+    }
+
+    async fn submit_form(
+        &self,
+        run: RunId,
+        link: Option<TokenHash>,
+        submission: Submission,
+    ) -> Result<Submitted, Error> {
         if !(1..=64).contains(&submission.key.len()) {
             return Err(Error::Refused(format!(
                 "the form's key has {} bytes; 1 to 64 are allowed",
@@ -334,6 +364,7 @@ impl Store {
         let body_hash = data_encoding::HEXLOWER.encode(&Sha256::digest(&body));
         let submit = Submit {
             run,
+            link,
             submission,
             body,
             body_hash,

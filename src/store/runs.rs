@@ -37,8 +37,10 @@ pub struct RunView {
     pub version: VersionId,
     /// How far it is.
     pub state: RunState,
-    /// Whether this link may withdraw and see the completion code.
+    /// Whether this link may withdraw: the run was started on it.
     pub is_owner: bool,
+    /// Whether this link shows the completion code: the run was started or finished on it.
+    pub shows_code: bool,
     /// Real or simulated.
     pub population: Population,
     /// A look at the study that is never counted.
@@ -150,6 +152,7 @@ struct RunRow {
     #[sqlx(try_from = "String")]
     state: RunState,
     is_owner: bool,
+    is_finisher: bool,
     is_simulated: bool,
     is_preview: bool,
     time_factor: f64,
@@ -201,7 +204,7 @@ impl Store {
         let row: Option<RunRow> = sqlx::query_as(
             r#"
             select
-                run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run.is_simulated,
+                run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run_token.is_finisher, run.is_simulated,
                 run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
                 run.deadline_ms, run.position,
                 (select count(*) from step where step.run_id = run.id) as steps,
@@ -334,6 +337,7 @@ impl RunRow {
             version: self.version_id,
             state: self.state,
             is_owner: self.is_owner,
+            shows_code: self.is_owner || self.is_finisher,
             population: Population::from_flag(self.is_simulated),
             is_preview: self.is_preview,
             factor,

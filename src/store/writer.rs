@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
@@ -29,6 +29,8 @@ pub(super) struct Health {
     pub(super) stopped: Arc<AtomicBool>,
     /// Cancelled when the disk has failed for good.
     pub(super) failed: CancellationToken,
+    /// Set while the last commit is one that did not reach the disk.
+    pub(super) commit_failed: Arc<AtomicBool>,
     pub(super) commits: Arc<AtomicU64>,
 }
 
@@ -41,6 +43,8 @@ pub(super) struct Writer {
     is_second_chance: bool,
     /// What the write-ahead log holds that the database file does not.
     log: Log,
+    /// When an erasure is next tried to be carried through to the log.
+    next_truncation: Instant,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,6 +69,7 @@ impl Writer {
             health,
             is_second_chance: false,
             log: Log::Copied,
+            next_truncation: Instant::now(),
         }
     }
 
@@ -88,6 +93,10 @@ impl Writer {
                 break;
             }
             self.write(jobs).await;
+            // Under load the writer is never idle, and what was erased must still leave the log.
+            if self.log == Log::Erased && self.next_truncation <= Instant::now() {
+                self.checkpoint().await;
+            }
         }
         self.checkpoint().await;
         if let Err(err) = self.connection.close().await {
@@ -133,10 +142,14 @@ impl Writer {
         match self.commit(&mut jobs).await {
             Ok(changes) => {
                 self.is_second_chance = false;
+                self.health.commit_failed.store(false, Ordering::Release);
                 self.health.commits.fetch_add(1, Ordering::Relaxed);
                 let erased = jobs
                     .iter()
                     .any(|job| matches!(job, Job::Rare(Rare::Withdraw(..))));
+                if erased && self.log != Log::Erased {
+                    self.next_truncation = Instant::now() + IDLE;
+                }
                 self.log = self
                     .log
                     .max(if erased { Log::Erased } else { Log::Written });
@@ -155,12 +168,14 @@ impl Writer {
                     None
                 }
                 Fault::Busy | Fault::Full => {
+                    self.health.commit_failed.store(true, Ordering::Release);
                     tracing::error!(error = %err, jobs = jobs.len(), "a batch could not be written");
                     fail_all(jobs, &err.into());
                     None
                 }
                 Fault::Disk => {
                     tracing::error!(error = %err, jobs = jobs.len(), "the disk failed");
+                    self.health.commit_failed.store(true, Ordering::Release);
                     self.health.stopped.store(true, Ordering::Release);
                     fail_all(jobs, &err.into());
                     self.reopen().await;
@@ -207,18 +222,48 @@ impl Writer {
         }
     }
 
-    /// Copies the log into the database. Nobody is made to wait for it, except after an erasure, when it is also
-    /// emptied.
+    /// Copies the log into the database. After an erasure the log is also emptied, which readers can delay: then the
+    /// next attempt follows [`IDLE`] later.
     async fn checkpoint(&mut self) {
-        let pragma = match self.log {
+        let outcome = match self.log {
             Log::Copied => return,
-            Log::Written => "pragma wal_checkpoint(passive)",
-            Log::Erased => "pragma wal_checkpoint(truncate)",
+            Log::Written => self.copy_log("passive").await.map(|_| Log::Copied),
+            Log::Erased => self
+                .empty_log()
+                .await
+                .map(|is_busy| if is_busy { Log::Erased } else { Log::Copied }),
         };
-        self.log = Log::Copied;
-        if let Err(err) = sqlx::query(pragma).execute(&mut self.connection).await {
-            tracing::warn!(error = %err, "the write-ahead log was not copied");
+        self.next_truncation = Instant::now() + IDLE;
+        match outcome {
+            Ok(log) => self.log = log,
+            Err(err) => tracing::warn!(error = %err, "the write-ahead log was not copied"),
         }
+    }
+
+    /// Without waiting for readers, because whoever answers waits meanwhile. Says whether some are in the way.
+    async fn empty_log(&mut self) -> Result<bool, sqlx::Error> {
+        let usual: i64 = sqlx::query_scalar("pragma busy_timeout")
+            .fetch_one(&mut self.connection)
+            .await?;
+        sqlx::query("pragma busy_timeout = 100")
+            .execute(&mut self.connection)
+            .await?;
+        let is_busy = self.copy_log("truncate").await;
+        sqlx::query(sqlx::AssertSqlSafe(format!(
+            "pragma busy_timeout = {usual}"
+        )))
+        .execute(&mut self.connection)
+        .await?;
+        is_busy
+    }
+
+    /// Says whether somebody was in the way: a busy checkpoint is a row, not an error.
+    async fn copy_log(&mut self, mode: &'static str) -> Result<bool, sqlx::Error> {
+        let pragma = sqlx::AssertSqlSafe(format!("pragma wal_checkpoint({mode})"));
+        let (is_busy, _, _): (bool, i64, i64) = sqlx::query_as(pragma)
+            .fetch_one(&mut self.connection)
+            .await?;
+        Ok(is_busy)
     }
 }
 

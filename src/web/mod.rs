@@ -134,5 +134,8 @@ async fn health(
 ) -> Result<&'static str, Error> {
     // Reading shows that the database answers.
     store.studies().await?;
+    if !store.is_taking_answers() {
+        return Err(crate::store::Error::Busy.into());
+    }
     Ok("ok\n")
 }

@@ -32,6 +32,7 @@ pub async fn completes(
     let steps = draw_run(&study, &mut rng).unwrap();
     let plans: Vec<_> = steps.iter().map(|step| step.plan.clone()).collect();
     let run = NewRun {
+        study: id.clone(),
         version,
         steps,
         factor: TimeFactor::ONE,

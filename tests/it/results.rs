@@ -43,7 +43,8 @@ async fn the_page_shows_every_count_as_text() {
             "How do they see probability?",
             "How do they see value?",
             "Which model predicts them?",
-            "Can I trust these fits?"
+            "Can I trust these fits?",
+            "Where are the data?"
         ]
     );
     assert_eq!(

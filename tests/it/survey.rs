@@ -281,10 +281,15 @@ async fn a_recruited_person_has_one_run_whatever_link_is_followed() {
     again
         .proceeds("stop", |person| person.page.text("form").is_none())
         .await;
+    assert!(
+        again.page.text(".completion__code").is_some(),
+        "the code is for whoever finishes"
+    );
+    let later = app.participant(query).await;
     assert_eq!(
-        again.page.text(".completion__code"),
+        later.page.text(".completion__code"),
         None,
-        "the code is for the link that started"
+        "a third link is told that the study was taken"
     );
     first.reloads().await;
     assert!(first.page.text(".completion__code").is_some());

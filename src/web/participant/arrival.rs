@@ -74,6 +74,7 @@ pub(super) async fn start(
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let run = NewRun {
+        study: study.clone(),
         version,
         steps: draw_run(&served, &mut chance.fork())?,
         factor: TimeFactor::ONE,

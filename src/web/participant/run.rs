@@ -79,7 +79,7 @@ pub(super) async fn answer(
             return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
         }
     };
-    let submitted = pages.store.submit(run.run, submission).await?;
+    let submitted = pages.store.submit_on(&token, run.run, submission).await?;
     let status = match submitted.verdict {
         Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
         Verdict::Answered
@@ -257,7 +257,8 @@ impl RunPages {
         }
     }
 
-    /// The code is shown only after the stored answers were counted, and only to the link that started the run.
+    /// The code is shown only after the stored answers were counted, and only to the links on which the run was
+    /// started or finished.
     async fn thanks(&self, token: &Token, run: &RunView, study: &Study) -> Result<Response, Error> {
         let completion = study.completion();
         let stored = self.store.stored_count(run.run).await?;
@@ -269,7 +270,7 @@ impl RunPages {
                 stored.steps
             )));
         }
-        let outcome = if run.is_owner {
+        let outcome = if run.shows_code {
             let code = match &completion.code {
                 CompletionCode::Fixed(code) => code.clone(),
                 CompletionCode::PerRun => self.store.completion_code(run.run),

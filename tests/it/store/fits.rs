@@ -141,6 +141,6 @@ async fn history_is_bounded_and_never_drops_what_is_shown() {
         .fit_history(&driving, Population::People, None, 1_000)
         .await
         .unwrap();
-    assert_eq!(history.len(), 201);
+    assert_eq!(history.len(), 21);
     assert_eq!(history.last().unwrap().id, shown);
 }

@@ -110,6 +110,7 @@ impl Lab {
 
     pub fn new_run(&self, study: &str) -> NewRun {
         NewRun {
+            study: StudyId::from(study),
             version: self.version(study),
             steps: steps(),
             factor: TimeFactor::ONE,

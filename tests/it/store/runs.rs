@@ -669,3 +669,47 @@ async fn previews_simulated_people_and_extra_time_are_not_mixed_in() {
     assert_eq!((people.started, simulated.started), (1, 1));
     lab.check().await;
 }
+
+#[tokio::test]
+async fn whoever_has_a_run_may_return_to_a_closed_study() {
+    let mut lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    let first = lab.arrival("driving", recruited("p1")).await;
+    let begun = lab
+        .store
+        .start(&first, lab.new_run("driving"))
+        .await
+        .unwrap();
+    lab.store
+        .set_study_state(&driving, StudyState::Closed)
+        .await
+        .unwrap();
+    let again = lab.arrival("driving", recruited("p1")).await;
+    let resumed = lab
+        .store
+        .start(&again, lab.new_run("driving"))
+        .await
+        .unwrap();
+    assert_eq!(resumed.run, begun.run);
+    for arrival in [recruited("p2"), NewArrival::default()] {
+        let token = Token::random(&mut lab.rng);
+        let refused = lab.store.arrive(&token, &driving, arrival).await;
+        assert!(matches!(refused, Err(Error::Closed { .. })), "{refused:?}");
+    }
+}
+
+#[tokio::test]
+async fn an_arrival_starts_no_run_of_another_study() {
+    let mut lab = Lab::open().await;
+    let arrival = lab.arrival("driving", NewArrival::default()).await;
+    let refused = lab.store.start(&arrival, lab.new_run("cups")).await;
+    assert!(
+        matches!(refused, Err(Error::NotFound("arrival"))),
+        "{refused:?}"
+    );
+    lab.store
+        .start(&arrival, lab.new_run("driving"))
+        .await
+        .unwrap();
+    lab.check().await;
+}
