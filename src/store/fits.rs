@@ -150,7 +150,8 @@ impl From<FitRow> for Fit {
 }
 
 impl Store {
-    /// The newest fit of each model and part, whatever came out: what a worker compares with the counts.
+    /// The newest fit of each model and part, whatever came out: what a worker compares with the counts, and what pages
+    /// show the state of.
     ///
     /// # Errors
     /// When the database fails.
@@ -169,37 +170,6 @@ impl Store {
                 select max(id)
                 from fit
                 where study_id = ? and is_simulated = ?
-                group by plan, part, model
-            )
-            order by plan, part, model
-            "#,
-        )
-        .bind(study.as_str())
-        .bind(population.is_simulated())
-        .fetch_all(&self.pool)
-        .await?;
-        Ok(rows.into_iter().map(Fit::from).collect())
-    }
-
-    /// The newest converged fit of each model and part: what pages show.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn shown_fits(
-        &self,
-        study: &StudyId,
-        population: Population,
-    ) -> Result<Vec<Fit>, Error> {
-        let rows: Vec<FitRow> = sqlx::query_as(
-            r#"
-            select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                result, message, created_at_ms, cpu_ms
-            from fit
-            where id in (
-                select max(id)
-                from fit
-                where study_id = ? and is_simulated = ? and state = 'converged'
                 group by plan, part, model
             )
             order by plan, part, model
@@ -333,7 +303,7 @@ pub(super) async fn save(
             order by id desc
             limit 1 offset ?6
         )
-        -- the one that is shown stays, however many came after it
+        -- the last converged one stays, however many came after it
         and id <> ifnull((
             select max(id)
             from fit
@@ -356,7 +326,7 @@ pub(super) async fn save(
         set draws = null
         where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
         and draws is not null
-        -- draws are large: only those of the fit that is shown are kept
+        -- draws are large: only those of the last converged fit are kept
         and id < (
             select max(id)
             from fit

@@ -502,7 +502,7 @@ fn curves_show_the_posterior_beside_the_prior() {
             .x
             .iter()
             .zip(&weight.bands)
-            .all(|(p, band)| (band.mean - p).abs() < 1e-12)
+            .all(|(p, band)| (band.as_ref().unwrap().mean - p).abs() < 1e-12)
     );
 }
 

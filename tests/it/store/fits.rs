@@ -67,30 +67,13 @@ async fn the_newest_converged_fit_is_shown_and_the_newest_of_all_is_known() {
             .unwrap()),
         [high, failed]
     );
-    assert_eq!(
-        ids(lab
-            .store
-            .shown_fits(&driving, Population::People)
-            .await
-            .unwrap()),
-        [good]
-    );
-    assert_eq!(
-        ids(lab
-            .store
-            .shown_fits(&driving, Population::Simulated)
-            .await
-            .unwrap()),
-        []
-    );
-    assert_eq!(
-        ids(lab
-            .store
-            .shown_fits(&cups, Population::People)
-            .await
-            .unwrap()),
-        [other]
-    );
+    for (study, population, expected) in [
+        (&driving, Population::Simulated, vec![]),
+        (&cups, Population::People, vec![other]),
+    ] {
+        let latest = lab.store.latest_fits(study, population).await.unwrap();
+        assert_eq!(ids(latest), expected);
+    }
     let history = |before, limit| {
         lab.store
             .fit_history(&driving, Population::People, before, limit)
