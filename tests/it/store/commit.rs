@@ -233,8 +233,6 @@ async fn listeners_hear_of_each_change_after_its_commit() {
         .submit(person.run, form(CONSENT, "1", Reply::Agreed))
         .await
         .unwrap();
-    let agreed = changes.recv().await.unwrap();
-    assert_eq!(agreed.data_version, 2);
     lab.store
         .submit(person.run, form(CONSENT, "1", Reply::Agreed))
         .await
@@ -248,7 +246,7 @@ async fn listeners_hear_of_each_change_after_its_commit() {
     lab.start_as("driving", preview).await;
     assert!(
         changes.try_recv().is_err(),
-        "neither a retry nor a look nor a preview changes what is shown"
+        "neither consent nor a retry nor a look nor a preview changes what is shown"
     );
     let totals = lab
         .store
@@ -257,6 +255,6 @@ async fn listeners_hear_of_each_change_after_its_commit() {
         .unwrap();
     assert_eq!(
         (totals.data_version, totals.page_version),
-        (agreed.data_version, agreed.page_version)
+        (started.data_version, started.page_version)
     );
 }
