@@ -87,9 +87,14 @@ pub(super) fn read_choices(
             .checked_add(choice.count)
             .with_context(|| format!("{shown}, line {line}: too many choices to count"))?;
     }
+    let counted = people
+        .values()
+        .chain([&anonymous])
+        .flat_map(|pattern| pattern.values());
     ensure!(
-        left_out.other_problems == 0 || !people.is_empty() || !anonymous.is_empty(),
-        "{shown}: none of its answers is to a problem of the problems file; {} are to others",
+        counted.copied().any(|count| count > 0),
+        "{shown}: there is no choice to fit: no row that is answered, has a count above 0, and is of a problem of the \
+         problems file ({} answered rows are of other problems)",
         left_out.other_problems
     );
     let groups = groups(&problems, people.into_values(), anonymous);

@@ -197,7 +197,7 @@ fn errors_name_file_line_column_value_and_what_is_allowed() {
     );
     check(
         "problem,action,status\nmid,stop,answered\n",
-        "choices.csv: none of its answers is to a problem of the problems file; 1 are to others",
+        "file (1 answered rows are of other problems)",
     );
     check(
         "problem,action,count\nlow,stop,-1\n",
@@ -231,6 +231,13 @@ fn errors_name_file_line_column_value_and_what_is_allowed() {
     );
     assert_eq!(missing.status.code(), Some(1));
     assert!(stderr(&missing).contains("cannot read /nowhere.json"));
+}
+
+#[test]
+fn files_without_a_choice_are_refused() {
+    for choices in ["problem,action\n", "problem,action,count\nlow,stop,0\n"] {
+        Files::new(PROBLEMS, choices).check_error("there is no choice to fit");
+    }
 }
 
 #[test]

@@ -51,38 +51,31 @@ fn model(snapshot: &Snapshot) -> (&'static str, String) {
         .iter()
         .filter(|cell| matches!(cell, Closer::NoisyRational))
         .count();
-    if compared == 0 {
+    headline(aware, noisy, compared)
+}
+
+/// Names a model only where it is closer in at least half of the compared cells and the other one in none.
+fn headline(aware: usize, noisy: usize, compared: usize) -> (&'static str, String) {
+    let leads = |closer: usize, other: usize| other == 0 && closer > 0 && 2 * closer >= compared;
+    let label = if compared == 0 {
         return (
             "Not known yet",
             "no cell has converged fits of both models".to_owned(),
         );
-    }
-    let note = |closer| {
-        format!("closer in {closer} of {compared} cells, no clear difference in the others")
+    } else if leads(aware, noisy) {
+        RISK_AWARE.label
+    } else if leads(noisy, aware) {
+        NOISY_RATIONAL.label
+    } else if aware > 0 && noisy > 0 {
+        "It depends"
+    } else {
+        "No clear difference"
     };
-    match (aware, noisy) {
-        (0, 0) => (
-            "No clear difference",
-            format!("in {compared} of {compared} cells"),
-        ),
-        (aware, 0) if aware == compared => (
-            RISK_AWARE.label,
-            format!("closer in {compared} of {compared} cells"),
-        ),
-        (aware, 0) => (RISK_AWARE.label, note(aware)),
-        (0, noisy) if noisy == compared => (
-            NOISY_RATIONAL.label,
-            format!("closer in {compared} of {compared} cells"),
-        ),
-        (0, noisy) => (NOISY_RATIONAL.label, note(noisy)),
-        (aware, noisy) => (
-            "It depends",
-            format!(
-                "of {compared} cells, {} is closer in {aware}, {} in {noisy}",
-                RISK_AWARE.label, NOISY_RATIONAL.label
-            ),
-        ),
-    }
+    let note = format!(
+        "of {compared} cells, {} is closer in {aware}, {} in {noisy}",
+        RISK_AWARE.label, NOISY_RATIONAL.label
+    );
+    (label, note)
 }
 
 /// A model is closer where the 90 % intervals of ln KL do not meet: where both reach the reference level, a lower mean
@@ -130,5 +123,29 @@ fn trust(snapshot: &Snapshot) -> (&'static str, String) {
         ("Not all of it", note)
     } else {
         ("Not yet", note)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::headline;
+
+    #[track_caller]
+    fn check(aware: usize, noisy: usize, compared: usize, expected: &str) {
+        assert_eq!(
+            headline(aware, noisy, compared).0,
+            expected,
+            "{aware}, {noisy} of {compared}"
+        );
+    }
+
+    #[test]
+    fn a_model_is_named_only_where_it_leads_in_half_of_the_cells() {
+        check(0, 0, 0, "Not known yet");
+        check(0, 0, 8, "No clear difference");
+        check(1, 0, 8, "No clear difference");
+        check(4, 0, 8, "Risk-Aware");
+        check(0, 8, 8, "Noisy Rational");
+        check(5, 1, 8, "It depends");
     }
 }
