@@ -6,7 +6,8 @@
 //! * machinery that knows no model: [`sampler`] (with its [`LogDensity`](sampler::LogDensity)), [`optimum`] and
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
-//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
+//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
+//! * [`DrawsExport`]: the draws for other programs.
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
@@ -15,6 +16,7 @@ mod choice_data;
 pub mod curves;
 pub mod diagnostics;
 mod draws;
+mod export;
 mod fit;
 mod likelihood;
 mod maximum_likelihood;
@@ -31,6 +33,7 @@ mod utility_table;
 
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
+pub use export::{DrawsExport, ExportError};
 pub use fit::{Fit, FitError, FitSettings, Progress, fit, uninterrupted};
 pub use maximum_likelihood::MaximumLikelihood;
 pub use posterior::LnPosterior;
