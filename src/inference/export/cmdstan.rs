@@ -11,7 +11,8 @@ impl DrawsExport<'_> {
     /// the comments. There are no columns of a Hamiltonian sampler (`stepsize__` and the like), for there was none, and
     /// no version of Stan, for it did not take part. What readers require is there: ArviZ (`from_cmdstan`), cmdstanpy
     /// (`from_csv`) and cmdstanr (`read_cmdstan_csv`) need `method`, `model`, `algorithm`, `id` and the numbers of
-    /// draws; cmdstanpy takes a file to end in two lines of comments.
+    /// draws. cmdstanpy takes a file to end in two lines of comments, and refuses a warm-up of 0: it is given as 1, for it
+    /// is no number of steps, and none of it is saved.
     ///
     /// * `chain`: counted from 0.
     ///
@@ -22,7 +23,7 @@ impl DrawsExport<'_> {
         writeln!(out, "# method = sample")?;
         writeln!(out, "#   sample")?;
         writeln!(out, "#     num_samples = {}", self.draws.per_chain)?;
-        writeln!(out, "#     num_warmup = 0")?;
+        writeln!(out, "#     num_warmup = 1")?;
         writeln!(out, "#     save_warmup = false")?;
         writeln!(out, "#     thin = 1")?;
         writeln!(out, "#     algorithm = metropolis_hastings")?;
