@@ -19,7 +19,7 @@ impl DrawsExport<'_> {
     /// # Errors
     /// When `out` fails.
     pub fn write_cmdstan_csv(&self, chain: usize, out: &mut dyn Write) -> io::Result<()> {
-        writeln!(out, "# model = {}", self.model.id)?;
+        writeln!(out, "# model = {}", self.model_id())?;
         writeln!(out, "# method = sample")?;
         writeln!(out, "#   sample")?;
         writeln!(out, "#     num_samples = {}", self.draws.per_chain)?;

@@ -8,7 +8,7 @@ mod cmdstan;
 
 use super::likelihood::{Likelihood, Predictor};
 use super::{ChoiceData, Draws, FitError, FitSettings, FitSummary, Prior, Quantity};
-use crate::model::{ChoiceModel, ModelError, OrderedMap, Parameter, model_named};
+use crate::model::{OrderedMap, Parameter};
 
 /// Numbers of one kind (predicted probabilities, ln likelihoods) that are written at most: 20 million take about 400 MB of
 /// text. Where there would be more, the kind is left out and the file says so.
@@ -30,7 +30,6 @@ const FARTHEST_COORDINATE: f64 = 700.0;
 /// * ln likelihoods by problem, and by pattern of answers where there are two patterns or more.
 #[derive(Debug)]
 pub struct DrawsExport<'a> {
-    model: &'static ChoiceModel,
     summary: &'a FitSummary,
     draws: &'a Draws,
     prior: Draws,
@@ -66,13 +65,13 @@ impl<'a> DrawsExport<'a> {
     /// * `data`: what was fitted.
     ///
     /// # Errors
-    /// When the model is unknown, the draws are not those of such a fit, or a number is not finite.
+    /// When the draws are not those of such a fit, or a number is not finite.
     pub fn new(
         summary: &'a FitSummary,
         data: &'a ChoiceData,
         draws: &'a Draws,
     ) -> Result<Self, ExportError> {
-        let model = model_named(&summary.model)?;
+        let model = draws.model;
         for quantity in model.parameters.iter().copied().map(Quantity::Parameter) {
             if draws.column(quantity).is_none() {
                 return Err(ExportError::NoColumn { quantity });
@@ -136,7 +135,6 @@ impl<'a> DrawsExport<'a> {
             })
             .collect();
         let mut export = Self {
-            model,
             summary,
             draws,
             prior,
@@ -208,7 +206,7 @@ impl<'a> DrawsExport<'a> {
 
     /// The id of the model, after which files are named.
     pub fn model_id(&self) -> &'static str {
-        self.model.id
+        self.draws.model.id
     }
 
     /// How many chains there are.
@@ -232,7 +230,7 @@ impl<'a> DrawsExport<'a> {
                 "inference_library_version".to_owned(),
                 text(env!("CARGO_PKG_VERSION")),
             ),
-            ("choice_model".to_owned(), text(self.model.id)),
+            ("choice_model".to_owned(), text(self.draws.model.id)),
             ("converged".to_owned(), truth(summary.converged)),
             ("choices".to_owned(), Fact::Whole(summary.n)),
             ("seed".to_owned(), Fact::Whole(summary.seed)),
@@ -249,7 +247,7 @@ impl<'a> DrawsExport<'a> {
         if let Some(acceptance) = summary.acceptance {
             facts.push(("acceptance".to_owned(), Fact::Number(acceptance)));
         }
-        for &parameter in self.model.parameters {
+        for &parameter in self.draws.model.parameters {
             let name = match parameter {
                 Parameter::Theta => Quantity::Tau.key(),
                 other => other.key(),
@@ -279,9 +277,6 @@ enum Fact {
 /// Why draws cannot be written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ExportError {
-    /// The fit is of a model that this program does not know.
-    #[error(transparent)]
-    Model(#[from] ModelError),
     /// What the fit depended on is not possible.
     #[error(transparent)]
     Fit(#[from] FitError),

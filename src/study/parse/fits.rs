@@ -79,6 +79,7 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
         options: RiskAwareOptions {
             normalise: raw.normalise.unwrap_or(defaults.options.normalise),
             zero: raw.zero,
+            weighting_function: defaults.options.weighting_function,
         },
         priors: priors(&raw.priors, &at.key("priors"))?,
     })
@@ -95,6 +96,8 @@ pub(super) fn priors(raw: &RawPriors, at: &KeyPath) -> Result<Priors, Fault> {
         delta: share("delta", raw.delta)?,
         lambda: scale("lambda", raw.lambda)?,
         tau: scale("tau", raw.tau)?,
+        eta_gain: scale("eta_gain", raw.eta_gain)?,
+        eta_loss: scale("eta_loss", raw.eta_loss)?,
     })
 }
 
