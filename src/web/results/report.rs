@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     inference::{
-        ChoiceData, Fit, ParameterSummary, Prior, QuantityDiagnostics, Source,
+        ChoiceData, Fit, ParameterSummary, Prior, Quantity, QuantityDiagnostics, Source,
         accuracy::{CellAccuracy, LnKl, Shares, pooled},
         wilson_interval,
     },
@@ -96,7 +96,7 @@ impl<'a> FitReportPage<'a> {
             at: rfc3339(at),
             n: count(data.n()),
             problems: count(data.problems().len() as u64),
-            best: best(&shown),
+            best: best(data, &shown),
             trust: if converged == fits.len() {
                 "Yes"
             } else {
@@ -127,20 +127,34 @@ fn evidence(fit: &Fit) -> Option<f64> {
     fit.summary.log_marginal_likelihood.map(|found| found.value)
 }
 
-fn best(fits: &[&Fit]) -> Option<Best> {
-    let mut ranked: Vec<(&Fit, f64)> = fits
+/// ln likelihood, and so ln marginal likelihood, when all actions are equally likely.
+fn at_random(data: &ChoiceData) -> f64 {
+    let cells = data.problems().iter().zip(data.totals());
+    cells
+        .map(|(problem, counts)| {
+            let n: u64 = counts.iter().sum();
+            -(n as f64) * (problem.problem.actions().len() as f64).ln()
+        })
+        .sum()
+}
+
+fn best(data: &ChoiceData, fits: &[&Fit]) -> Option<Best> {
+    if fits.is_empty() {
+        return None;
+    }
+    let of_models = fits
         .iter()
-        .filter_map(|fit| Some((*fit, evidence(fit)?)))
-        .collect();
+        .filter_map(|fit| Some((fit.model.label, evidence(fit)?)));
+    let mut ranked: Vec<(&'static str, f64)> =
+        of_models.chain([("Random", at_random(data))]).collect();
     ranked.sort_by(|left, right| right.1.total_cmp(&left.1));
-    let (&(first, highest), rest) = ranked.split_first()?;
+    let (&(label, highest), rest) = ranked.split_first()?;
     let (second, next) = rest.first()?;
     Some(Best {
-        label: first.model.label,
+        label,
         note: format!(
-            "highest marginal likelihood; ln Bayes factor {} against {}",
+            "highest marginal likelihood; ln Bayes factor {} against {second}",
             decimal(Some(highest - next), 1),
-            second.model.label
         ),
     })
 }
@@ -229,13 +243,7 @@ fn comparison(data: &ChoiceData, fits: &[&Fit]) -> Table {
         ("ln Bayes factor to random", Align::Numbers),
         ("ln KL, mean ± sd", Align::Numbers),
     ]);
-    let cells = data.problems().iter().zip(data.totals());
-    let random: f64 = cells
-        .map(|(problem, counts)| {
-            let n: u64 = counts.iter().sum();
-            -(n as f64) * (problem.problem.actions().len() as f64).ln()
-        })
-        .sum();
+    let random = at_random(data);
     table.row([
         "Random".to_owned(),
         decimal(Some(random), 2),
@@ -400,9 +408,10 @@ fn diagnostics_row(name: String, found: &QuantityDiagnostics) -> Vec<Cell> {
 fn priors(fit: &Fit) -> Table {
     let mut table = Table::new(&[("Parameter", Align::Words), ("Prior", Align::Words)]);
     for &parameter in fit.model.parameters {
-        let name = match parameter {
-            Parameter::Theta => "tau",
-            other => other.key(),
+        let name = if parameter == Parameter::Theta {
+            Quantity::Tau.key()
+        } else {
+            parameter.key()
         };
         let prior = match fit.summary.priors.of(parameter) {
             Prior::Uniform { low, high } => format!("uniform from {low} to {high}"),
