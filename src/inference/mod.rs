@@ -7,7 +7,8 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
-//! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
+//! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
+//! * [`DrawsExport`]: the draws for other programs.
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
@@ -17,6 +18,7 @@ pub mod comparison;
 pub mod curves;
 pub mod diagnostics;
 mod draws;
+mod export;
 mod fit;
 mod likelihood;
 mod maximum_likelihood;
@@ -33,6 +35,7 @@ mod utility_table;
 
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
+pub use export::{DrawsExport, ExportError};
 pub use fit::{Fit, FitError, FitSettings, Progress, fit, uninterrupted};
 pub use maximum_likelihood::MaximumLikelihood;
 pub use posterior::LnPosterior;

@@ -7,22 +7,22 @@ use tempfile::TempDir;
 
 use crate::program::{riskaware, stderr, stdout};
 
-const PROBLEMS: &str = r#"{"low":{"accelerate":[[0.05,-500],[0.95,0]],"stop":[[1,-100]]},
+pub const PROBLEMS: &str = r#"{"low":{"accelerate":[[0.05,-500],[0.95,0]],"stop":[[1,-100]]},
 "high":{"accelerate":[[0.95,-500],[0.05,0]],"stop":[[1,-100]]}}"#;
 
-struct Files {
-    folder: TempDir,
+pub struct Files {
+    pub folder: TempDir,
 }
 
 impl Files {
-    fn new(problems: &str, choices: &str) -> Self {
+    pub fn new(problems: &str, choices: &str) -> Self {
         let folder = TempDir::new().unwrap();
         std::fs::write(folder.path().join("problems.json"), problems).unwrap();
         std::fs::write(folder.path().join("choices.csv"), choices).unwrap();
         Self { folder }
     }
 
-    fn fit(&self, more: &[&str]) -> std::process::Output {
+    pub fn fit(&self, more: &[&str]) -> std::process::Output {
         fit_in(self.folder.path(), more)
     }
 
@@ -49,7 +49,7 @@ fn fit_in(folder: &Path, more: &[&str]) -> std::process::Output {
     riskaware(&arguments, "")
 }
 
-const COUNTED: &str =
+pub const COUNTED: &str =
     "count,action,problem\n5,accelerate,low\n25,stop,low\n2,accelerate,high\n28,stop,high\n";
 
 #[test]

@@ -9,6 +9,7 @@ mod crash;
 mod crowd;
 mod fit;
 mod fit_command;
+mod fit_files;
 mod predict;
 mod program;
 mod refit;
