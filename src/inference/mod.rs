@@ -6,11 +6,13 @@
 //! * machinery that knows no model: [`sampler`] (with its [`LogDensity`](sampler::LogDensity)), [`optimum`] and
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
-//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
+//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
+//! * whether fits are to be believed: [`calibration`], on [simulated people](SimulatedPerson).
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
 pub mod accuracy;
+pub mod calibration;
 mod choice_data;
 pub mod curves;
 pub mod diagnostics;
@@ -26,6 +28,7 @@ mod proportion;
 mod reference_reward;
 mod sampled;
 pub mod sampler;
+mod simulated;
 mod summary;
 mod utility_table;
 
@@ -38,6 +41,7 @@ pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
 pub use reference_reward::{ReferenceRewardError, default_reference_reward};
+pub use simulated::{SimulatedPerson, SimulationError};
 pub use summary::{
     Diagnostics, Estimate, FitSummary, ParameterSummary, PredictedShare, QuantityDiagnostics,
     Source,
