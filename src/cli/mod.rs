@@ -1,14 +1,17 @@
 //! The commands of the `riskaware` binary.
 
+mod calibrate;
 mod choice_files;
 mod demo;
 mod fit;
 mod fit_table;
 mod health;
 mod load;
+mod parallel;
 mod predict;
 mod serve;
 pub mod simulation;
+mod study_problems;
 
 use std::{io::IsTerminal, process::ExitCode};
 
@@ -59,6 +62,8 @@ enum Command {
     Fit(fit::Arguments),
     /// Read choice problems line by line and write choice probabilities
     Predict(predict::Arguments),
+    /// Check by simulation that fits are calibrated
+    Calibrate(calibrate::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -104,6 +109,7 @@ impl Command {
             Self::Load(args) => block_on(load::run(args)),
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }
