@@ -7,7 +7,8 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
-//! * whether fits are to be believed: [`calibration`], on [simulated people](SimulatedPerson).
+//! * whether fits are to be believed, and what a study would find: [`calibration`] and [`recovery`], on
+//!   [simulated people](SimulatedPerson).
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
@@ -25,6 +26,7 @@ mod posterior;
 mod prediction;
 mod priors;
 mod proportion;
+pub mod recovery;
 mod reference_reward;
 mod sampled;
 pub mod sampler;

@@ -12,7 +12,7 @@ use crate::model::{
 /// A person as a model sees one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedPerson {
-    /// The parameters; those that the model does not learn are 1.
+    /// The parameters; those that the model does not learn are 1, or follow from others.
     pub parameters: Parameters,
     /// τ = θ |v(R_ref)|, sensitivity in logits.
     pub tau: f64,
@@ -64,6 +64,7 @@ impl SimulatedPerson {
                 parameters = with(parameters, parameter, value);
             }
         }
+        let parameters = model.complete(parameters);
         let theta = (tau / reference_value(&parameters, reference_reward)).min(f64::MAX);
         Self {
             parameters: with(parameters, Parameter::Theta, theta),
@@ -85,6 +86,8 @@ impl SimulatedPerson {
     /// What `people` like this one choose, each of them answering every problem once.
     ///
     /// People with the same answers make one group.
+    ///
+    /// * `options`: those of the [model](ChoiceModel::options) that the person follows.
     ///
     /// # Errors
     /// When the model gives no probabilities for a problem, or the problems are none.
@@ -169,7 +172,7 @@ mod tests {
     use super::*;
     use crate::inference::choice_data::tests::data;
     use crate::inference::sampler::random_stream;
-    use crate::model::{NOISY_RATIONAL, RISK_AWARE};
+    use crate::model::MODELS;
 
     #[test]
     fn people_follow_their_probabilities_and_answer_everything_once() {
@@ -210,7 +213,7 @@ mod tests {
     #[test]
     fn people_come_from_the_prior() {
         let priors = Priors::default();
-        for model in [&NOISY_RATIONAL, &RISK_AWARE] {
+        for model in MODELS {
             let mut rng = random_stream(6, 0);
             let people: Vec<SimulatedPerson> = (0..2000)
                 .map(|_| SimulatedPerson::from_prior(model, &priors, -500.0, &mut rng))

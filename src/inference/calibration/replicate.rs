@@ -76,7 +76,7 @@ impl Experiment {
     /// When nobody can be simulated, the settings allow no fit, or a draw gives no probabilities.
     pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, CalibrationError> {
         let mut rng = random_stream(seed, number);
-        let options = self.settings.options;
+        let options = self.model.options(self.settings.options);
         let reference_reward = match self.settings.reference_reward {
             Some(reward) => reward,
             None => default_reference_reward(&self.problems)?,
