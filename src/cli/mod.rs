@@ -4,6 +4,8 @@ mod calibrate;
 mod choice_files;
 mod demo;
 mod fit;
+mod fit_files;
+mod fit_source;
 mod fit_table;
 mod health;
 mod load;

@@ -7,6 +7,7 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
+//! * [`DrawsExport`]: the draws for other programs;
 //! * whether fits are to be believed, and what a study would find: [`calibration`] and [`recovery`], on
 //!   [simulated people](SimulatedPerson).
 //!
@@ -18,6 +19,7 @@ mod choice_data;
 pub mod curves;
 pub mod diagnostics;
 mod draws;
+mod export;
 mod fit;
 mod likelihood;
 mod maximum_likelihood;
@@ -36,6 +38,7 @@ mod utility_table;
 
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
+pub use export::{DrawsExport, ExportError};
 pub use fit::{Fit, FitError, FitSettings, Progress, fit, uninterrupted};
 pub use maximum_likelihood::MaximumLikelihood;
 pub use posterior::LnPosterior;

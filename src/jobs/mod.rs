@@ -23,6 +23,7 @@ mod snapshot_cache;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
+pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use snapshot::{PartFit, PartState, Snapshot, Version};
 
