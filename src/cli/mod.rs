@@ -11,9 +11,9 @@ mod health;
 mod load;
 mod parallel;
 mod predict;
+mod recover;
 mod serve;
 pub mod simulation;
-mod study_problems;
 
 use std::{io::IsTerminal, process::ExitCode};
 
@@ -66,6 +66,8 @@ enum Command {
     Predict(predict::Arguments),
     /// Check by simulation that fits are calibrated
     Calibrate(calibrate::Arguments),
+    /// Tell what a study of a given size would find: parameter recovery and power
+    Recover(recover::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -112,6 +114,7 @@ impl Command {
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

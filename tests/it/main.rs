@@ -3,6 +3,7 @@
 mod api;
 mod app;
 mod architecture;
+mod calibrate;
 mod catalogue;
 mod crash;
 mod crowd;
@@ -10,6 +11,7 @@ mod fit;
 mod fit_command;
 mod predict;
 mod program;
+mod recover;
 mod refit;
 mod results;
 mod simulation;

@@ -3,8 +3,9 @@
 use anyhow::Context;
 use clap::ValueEnum;
 
-use crate::cli::study_problems::{fitted_problems, study_from};
-use crate::inference::FittedProblem;
+use crate::cli::fit_source::{fitted_problems, read_study};
+use crate::inference::{FitSettings, FittedProblem};
+use crate::jobs::fit_settings;
 use crate::model::{ChoiceProblem, OrderedMap};
 
 /// A built-in design: small, pooled with losses only, and with gains and losses.
@@ -37,8 +38,8 @@ impl Design {
         }
     }
 
-    /// Its problems, and the signed reward that sensitivity is measured by if a study sets one.
-    pub(super) fn problems(self) -> anyhow::Result<(Vec<FittedProblem>, Option<f64>)> {
+    /// Its problems, and how models are fitted to them.
+    pub(super) fn problems(self) -> anyhow::Result<(Vec<FittedProblem>, FitSettings)> {
         match self {
             Self::Cups => {
                 let problem = ChoiceProblem::from_outcomes([
@@ -46,18 +47,20 @@ impl Design {
                     ("unstable", vec![(0.2, 105.0), (0.8, 0.0)]),
                 ])?;
                 let id = "cups".to_owned();
-                Ok((vec![FittedProblem { id, problem }], None))
+                Ok((vec![FittedProblem { id, problem }], FitSettings::default()))
             }
             Self::Driving => {
-                let study = study_from("driving")?;
-                Ok((fitted_problems(&study)?, Some(study.reference_reward())))
+                let study = read_study("driving")?;
+                let settings = fit_settings(&study, FitSettings::default().seed);
+                Ok((fitted_problems(&study), settings))
             }
             Self::Gambles => {
                 let text = include_str!("../../../examples/kahneman-tversky-1979/problems.json");
                 let problems: OrderedMap<ChoiceProblem> =
                     serde_json::from_str(text).context("the problems of 1979")?;
                 let problem = |(id, problem)| FittedProblem { id, problem };
-                Ok((problems.0.into_iter().map(problem).collect(), None))
+                let problems = problems.0.into_iter().map(problem).collect();
+                Ok((problems, FitSettings::default()))
             }
         }
     }

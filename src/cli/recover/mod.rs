@@ -63,7 +63,10 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         &NOISY_RATIONAL
     });
-    ensure!(model != rival, "--model and --rival are both {model}, allowed are two models");
+    ensure!(
+        model != rival,
+        "--model and --rival are both {model}, allowed are two models"
+    );
     if let Some(Quantity::Parameter(parameter)) = arguments.interval
         && !model.is_free(parameter)
     {
@@ -122,8 +125,8 @@ fn simulate(scenario: &Scenario, arguments: &Arguments) -> anyhow::Result<Vec<Re
             .collect();
         Ok(Recovery::of(people, &found?))
     };
-    let found = parallel::pool(arguments.threads)?
-        .install(|| arguments.n.iter().map(of_size).collect());
+    let found =
+        parallel::pool(arguments.threads)?.install(|| arguments.n.iter().map(of_size).collect());
     bar.finish_and_clear();
     found
 }
@@ -132,8 +135,12 @@ fn truth(model: &ChoiceModel, parameters: &[(String, f64)]) -> anyhow::Result<Tr
     if parameters.is_empty() {
         return Ok(Truth::Prior);
     }
-    let entries = parameters.iter().map(|(name, value)| (name.as_str(), *value));
-    Ok(Truth::Known(model.parameters_from(entries).context("--parameter")?))
+    let entries = parameters
+        .iter()
+        .map(|(name, value)| (name.as_str(), *value));
+    Ok(Truth::Known(
+        model.parameters_from(entries).context("--parameter")?,
+    ))
 }
 
 fn parameter(text: &str) -> Result<(String, f64), String> {

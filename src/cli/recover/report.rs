@@ -49,7 +49,11 @@ impl<'a> Report<'a> {
         match &self.scenario.truth {
             Truth::Known(known) => {
                 let names = self.scenario.model.parameters.iter();
-                Some(names.map(|name| (name.key().to_owned(), known.get(*name))).collect())
+                Some(
+                    names
+                        .map(|name| (name.key().to_owned(), known.get(*name)))
+                        .collect(),
+                )
             }
             Truth::Prior => None,
         }
@@ -67,20 +71,30 @@ pub(super) fn write_table(out: &mut impl Write, report: &Report<'_>) -> io::Resu
     )?;
     let parameters = match report.parameters() {
         Some(known) => {
-            let known: Vec<String> = known.iter().map(|(name, value)| format!("{name} {value}")).collect();
+            let known: Vec<String> = known
+                .iter()
+                .map(|(name, value)| format!("{name} {value}"))
+                .collect();
             known.join(", ")
         }
         None => "parameters from the prior, anew for each study".to_owned(),
     };
     writeln!(out, "People follow {} ({parameters})", scenario.model.label)?;
-    let replicates = report.recoveries.first().map_or(0, |first| first.replicates);
+    let replicates = report
+        .recoveries
+        .first()
+        .map_or(0, |first| first.replicates);
     writeln!(
         out,
         "{replicates} simulated studies of each size, seed {}; after each figure its Monte-Carlo error",
         report.seed
     )?;
 
-    writeln!(out, "\n{} or {}: how often", scenario.model.label, scenario.rival.label)?;
+    writeln!(
+        out,
+        "\n{} or {}: how often",
+        scenario.model.label, scenario.rival.label
+    )?;
     write!(
         out,
         "{:>7} {:>15} {:>15} {:>15} {:>15}",
@@ -101,15 +115,26 @@ pub(super) fn write_table(out: &mut impl Write, report: &Report<'_>) -> io::Resu
             write!(out, " {:>15}", figure.map_or("-".to_owned(), with_error))?;
         }
         if let Some(interval) = report.interval {
-            let found = recovery.quantities.iter().find(|found| found.quantity == interval);
+            let found = recovery
+                .quantities
+                .iter()
+                .find(|found| found.quantity == interval);
             let width = found.map_or("-".to_owned(), |found| with_error(found.width));
             write!(out, " {width:>18}")?;
         }
         writeln!(out, " {:>13}", recovery.not_compared)?;
     }
     for recovery in report.recoveries {
-        writeln!(out, "\n{} people: posterior medians and 90 % intervals", recovery.people)?;
-        writeln!(out, "{:>14} {:>17} {:>15} {:>15}", "", "bias", "coverage", "width")?;
+        writeln!(
+            out,
+            "\n{} people: posterior medians and 90 % intervals",
+            recovery.people
+        )?;
+        writeln!(
+            out,
+            "{:>14} {:>17} {:>15} {:>15}",
+            "", "bias", "coverage", "width"
+        )?;
         for found in &recovery.quantities {
             write_quantity(out, found)?;
         }
@@ -121,8 +146,16 @@ pub(super) fn write_table(out: &mut impl Write, report: &Report<'_>) -> io::Resu
             )?;
         }
     }
-    if report.recoveries.iter().flat_map(|recovery| &recovery.quantities).any(|found| found.scale == Scale::Log) {
-        writeln!(out, "\nln: bias and width are of the natural logarithm, 0.1 is about 10 %.")?;
+    if report
+        .recoveries
+        .iter()
+        .flat_map(|recovery| &recovery.quantities)
+        .any(|found| found.scale == Scale::Log)
+    {
+        writeln!(
+            out,
+            "\nln: bias and width are of the natural logarithm, 0.1 is about 10 %."
+        )?;
     }
     Ok(())
 }

@@ -23,6 +23,9 @@ pub struct Experiment {
     pub people: u64,
     /// Where the people come from: the priors of `settings`, unless a wrong fit is to be shown up.
     pub priors: Priors,
+    /// Where its random streams begin, so that experiments of one seed do not share their people; replicates count up
+    /// from here.
+    pub first_stream: u64,
     /// How each fit is made; its `samples` are the draws that the truth is ranked among, its seed is not used.
     pub settings: FitSettings,
 }
@@ -75,7 +78,7 @@ impl Experiment {
     /// # Errors
     /// When nobody can be simulated, the settings allow no fit, or a draw gives no probabilities.
     pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, CalibrationError> {
-        let mut rng = random_stream(seed, number);
+        let mut rng = random_stream(seed, self.first_stream + number);
         let options = self.model.options(self.settings.options);
         let reference_reward = match self.settings.reference_reward {
             Some(reward) => reward,
@@ -241,6 +244,7 @@ mod tests {
             problems: cups.problems().to_vec(),
             people,
             priors,
+            first_stream: 0,
             settings: FitSettings {
                 draws: 250,
                 samples: 15,
