@@ -8,11 +8,14 @@
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
 //! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
-//! * [`DrawsExport`]: the draws for other programs.
+//! * [`DrawsExport`]: the draws for other programs;
+//! * whether fits are to be believed, and what a study would find: [`calibration`] and [`recovery`], on
+//!   [simulated people](SimulatedPerson).
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
 pub mod accuracy;
+pub mod calibration;
 mod choice_data;
 pub mod comparison;
 pub mod curves;
@@ -27,9 +30,11 @@ mod posterior;
 mod prediction;
 mod priors;
 mod proportion;
+pub mod recovery;
 mod reference_reward;
 mod sampled;
 pub mod sampler;
+mod simulated;
 mod summary;
 mod utility_table;
 
@@ -43,6 +48,7 @@ pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
 pub use reference_reward::{ReferenceRewardError, default_reference_reward};
+pub use simulated::{SimulatedPerson, SimulationError};
 pub use summary::{
     Diagnostics, Estimate, FitSummary, ParameterSummary, PredictedShare, QuantityDiagnostics,
     Source,

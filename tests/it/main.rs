@@ -3,6 +3,7 @@
 mod api;
 mod app;
 mod architecture;
+mod calibrate;
 mod catalogue;
 mod comparison;
 mod crash;
@@ -12,6 +13,7 @@ mod fit_command;
 mod fit_files;
 mod predict;
 mod program;
+mod recover;
 mod refit;
 mod results;
 mod simulation;
