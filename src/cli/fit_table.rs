@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use super::choice_files::LeftOut;
 use crate::inference::accuracy::{CellAccuracy, LnKl, Shares, pooled};
 use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
-use crate::model::Parameter;
+use crate::model::{Curvature, Parameter};
 
 /// Writes a comparison of the models with chance, then each model's parameters, then what each predicts.
 pub(super) fn write_table(
@@ -202,9 +202,8 @@ fn write_loss_aversion(out: &mut dyn Write, fit: &Fit, shown: &[&Fit]) -> io::Re
         )?;
     }
     let one_curvature = shown.iter().find_map(|other| {
-        let has_one = other.model.is_free(Parameter::Lambda)
-            && other.model.is_free(Parameter::Alpha)
-            && !other.model.is_free(Parameter::Beta);
+        let has_one =
+            other.model.curvature == Curvature::Shared && other.model.is_free(Parameter::Lambda);
         let lambda = other.summary.parameters.as_ref()?.get("lambda")?;
         has_one.then_some((other.model.label, lambda))
     });

@@ -39,6 +39,8 @@ impl Quantity {
             Self::Parameter(Parameter::Delta) => "δ",
             Self::Parameter(Parameter::Lambda) => "λ",
             Self::Parameter(Parameter::Theta) => "θ",
+            Self::Parameter(Parameter::EtaGain) => "η⁺",
+            Self::Parameter(Parameter::EtaLoss) => "η⁻",
             Self::Tau => "τ",
             Self::LambdaTheta => "λ·θ",
         }
@@ -53,6 +55,8 @@ impl Quantity {
             Self::Parameter(Parameter::Delta) => Some("weighting of losses"),
             Self::Parameter(Parameter::Lambda) => Some("loss aversion"),
             Self::Parameter(Parameter::Theta) => Some("sensitivity"),
+            Self::Parameter(Parameter::EtaGain) => Some("elevation of the weighting of gains"),
+            Self::Parameter(Parameter::EtaLoss) => Some("elevation of the weighting of losses"),
             Self::Tau => Some("sensitivity in logits at the reference reward"),
             Self::LambdaTheta => None,
         }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Note;
 use crate::inference::{Fit, Prior, Quantity, WEIGHTING_FLOOR};
-use crate::model::Parameter;
+use crate::model::{Parameter, WeightingFunction};
 
 /// A draw lies at a bound if it is this share of the prior's range away from it, or less.
 const NEAR: f64 = 0.01;
@@ -52,6 +52,10 @@ pub(super) fn not_monotone(fit: &Fit, quantity: Quantity) -> Option<Note> {
         Quantity::Parameter(Parameter::Gamma | Parameter::Delta)
     ) {
         return None;
+    }
+    match fit.model.options(fit.settings.options).weighting_function {
+        WeightingFunction::TverskyKahneman => {}
+        WeightingFunction::Prelec => return None,
     }
     let Some(Prior::Uniform { low, high }) = prior(fit, quantity) else {
         return None;

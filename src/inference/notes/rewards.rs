@@ -2,7 +2,9 @@
 
 use super::Note;
 use crate::inference::Quantity;
-use crate::model::{ChoiceModel, ChoiceProblem, Outcome, Parameter, RiskAwareOptions, ZeroOutcome};
+use crate::model::{
+    ChoiceModel, ChoiceProblem, Curvature, Outcome, Parameter, RiskAwareOptions, ZeroOutcome,
+};
 
 /// What a model cannot learn from these problems because all their rewards have one sign; `None` where it can learn all
 /// of its parameters, or where both signs occur.
@@ -22,6 +24,7 @@ pub fn design_note<'a>(
         let free = parameters.iter().filter(|name| model.is_free(**name));
         free.map(|name| Quantity::Parameter(*name)).collect()
     };
+    let options = model.options(options);
     if has_losses && !has_gains {
         let is_uncertain_nothing = |outcome: &&Outcome| {
             outcome.reward == 0.0 && outcome.probability > 0.0 && outcome.probability < 1.0
@@ -32,11 +35,11 @@ pub fn design_note<'a>(
             && outcomes.iter().any(is_uncertain_nothing);
         let mut not_learned = Vec::new();
         // A model with one curvature bends losses by it too.
-        if model.is_free(Parameter::Beta) {
+        if model.curvature == Curvature::Separate {
             not_learned.extend(free(&[Parameter::Alpha]));
         }
         if !gamma_through_normalisation {
-            not_learned.extend(free(&[Parameter::Gamma]));
+            not_learned.extend(free(&[Parameter::Gamma, Parameter::EtaGain]));
         }
         let product_only = model.is_free(Parameter::Lambda);
         let is_limited = product_only || gamma_through_normalisation || !not_learned.is_empty();
@@ -46,7 +49,12 @@ pub fn design_note<'a>(
             gamma_through_normalisation,
         })
     } else if has_gains && !has_losses {
-        let not_learned = free(&[Parameter::Beta, Parameter::Delta, Parameter::Lambda]);
+        let not_learned = free(&[
+            Parameter::Beta,
+            Parameter::Delta,
+            Parameter::EtaLoss,
+            Parameter::Lambda,
+        ]);
         (!not_learned.is_empty()).then_some(Note::GainsOnly { not_learned })
     } else {
         None

@@ -3,7 +3,8 @@ use super::*;
 use crate::inference::choice_data::tests::{Cell, data};
 use crate::inference::{Draws, FitSettings, Priors, fit, uninterrupted};
 use crate::model::{
-    ChoiceModel, NOISY_RATIONAL, OrderedMap, RISK_AWARE, RiskAwareOptions, ZeroOutcome, value,
+    CUMULATIVE_PROSPECT, ChoiceModel, NOISY_RATIONAL, OrderedMap, RISK_AWARE, RiskAwareOptions,
+    ZeroOutcome, value,
 };
 
 const LOSSES: Cell<'static> = (
@@ -70,6 +71,11 @@ fn the_signs_of_rewards_say_what_cannot_be_learned() {
         ..options
     };
     assert_eq!(losses(plain), (vec!["alpha", "gamma"], false));
+    // One curvature bends losses too, and is learned from them.
+    match of_design(&CUMULATIVE_PROSPECT, &[LOSSES], options) {
+        Some(Note::LossesOnly { not_learned, .. }) => assert_eq!(not_learned, []),
+        other => panic!("{other:?}"),
+    }
     match of_design(&RISK_AWARE, &[GAINS], options) {
         Some(Note::GainsOnly { not_learned }) => {
             assert_eq!(names(&not_learned), ["beta", "delta", "lambda"]);
@@ -218,6 +224,7 @@ fn chains(change: impl Fn(usize, f64) -> f64) -> (Draws, OrderedMap<ParameterSum
         })
         .collect();
     let draws = Draws {
+        model: fit.model,
         chains: 4,
         per_chain: 100,
         columns: vec![(lambda, values)],
