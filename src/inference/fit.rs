@@ -8,6 +8,7 @@ use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile, variance};
 use super::likelihood::Predictor;
 use super::maximum_likelihood::{maximum_likelihood, posterior_mode};
+use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
 use super::sampled::{Sampled, sample};
@@ -211,6 +212,8 @@ pub fn fit(
                 .collect(),
         ),
         posterior_mode: mode,
+        loss_aversion: None,
+        notes: Vec::new(),
         log_marginal_likelihood: sampled.ln_evidence,
         log_kl: Some(
             accuracy
@@ -230,7 +233,7 @@ pub fn fit(
         priors: settings.priors,
         options,
     };
-    Ok(Fit {
+    let mut fitted = Fit {
         model,
         settings: settings.clone(),
         reference_reward,
@@ -239,7 +242,9 @@ pub fn fit(
         sample_indices: sampled.sample_indices,
         accuracy,
         summary,
-    })
+    };
+    annotate(&mut fitted, data);
+    Ok(fitted)
 }
 
 /// Why there is no fit.
