@@ -6,7 +6,8 @@
 //! * machinery that knows no model: [`sampler`] (with its [`LogDensity`](sampler::LogDensity)), [`optimum`] and
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
-//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
+//! * what is read off it: [`accuracy`], [`curves`], [`predictive_check`], [`predict_from_draws`], [`wilson_interval`];
+//! * [`sweep`]: models fitted to simulated answers.
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
@@ -21,12 +22,14 @@ mod maximum_likelihood;
 pub mod optimum;
 mod posterior;
 mod prediction;
+pub mod predictive_check;
 mod priors;
 mod proportion;
 mod reference_reward;
 mod sampled;
 pub mod sampler;
 mod summary;
+pub mod sweep;
 mod utility_table;
 
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
