@@ -9,6 +9,9 @@ mod load;
 mod predict;
 mod serve;
 pub mod simulation;
+mod sweep;
+mod sweep_drawing;
+mod sweep_text;
 
 use std::{io::IsTerminal, process::ExitCode};
 
@@ -59,6 +62,8 @@ enum Command {
     Fit(fit::Arguments),
     /// Read choice problems line by line and write choice probabilities
     Predict(predict::Arguments),
+    /// Fit models to simulated shares of one problem, or over the gap of expected rewards
+    Sweep(sweep::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -104,6 +109,7 @@ impl Command {
             Self::Load(args) => block_on(load::run(args)),
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

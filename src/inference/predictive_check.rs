@@ -2,16 +2,20 @@
 //!
 //! Source: Gelman, Meng & Stern (1996), *Posterior predictive assessment of model fitness via realized discrepancies*.
 
-use rand::Rng;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha12Rng;
 use rand_distr::{Binomial, Distribution};
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::quantile;
-use super::{Draws, FittedProblem};
+use super::{Draws, Fit, FittedProblem};
 use crate::model::{RiskAwareOptions, ln_probabilities};
 
 /// Posterior draws that are replicated at most, evenly spaced: p-values are then known to about 0.016.
 const REPLICATIONS: usize = 1000;
+
+/// A random stream far above those of chains.
+const CHECK_STREAM: u64 = 1 << 42;
 
 /// One cell's answers beside answers replicated from the posterior.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -50,6 +54,18 @@ pub struct ActionCheck {
     pub p: f64,
 }
 
+/// The checks of a fit against the counts it was fitted to. The fit's seed also seeds the replications, in a stream of
+/// their own, so that the checks are a function of the fit.
+pub fn checks_of_fit(
+    fit: &Fit,
+    problems: &[FittedProblem],
+    counts: &[Vec<u64>],
+) -> Vec<PredictiveCheck> {
+    let mut rng = ChaCha12Rng::seed_from_u64(fit.settings.seed);
+    rng.set_stream(CHECK_STREAM);
+    predictive_checks(problems, counts, &fit.draws, fit.settings.options, &mut rng)
+}
+
 /// Replicates each cell's answers from posterior draws.
 ///
 /// ```text
@@ -85,6 +101,7 @@ fn check(
     if n == 0 {
         return None;
     }
+    let options = draws.model.options(options);
     let used = draws.len().min(REPLICATIONS);
     let mut replicated: Vec<Vec<u64>> = vec![Vec::with_capacity(used); counts.len()];
     let mut further = 0.0;
@@ -184,12 +201,9 @@ fn multinomial(n: u64, probabilities: &[f64], rng: &mut impl Rng) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
-    use rand::SeedableRng;
-    use rand_chacha::ChaCha12Rng;
-
     use super::*;
     use crate::inference::Quantity;
-    use crate::model::{ChoiceProblem, Parameter};
+    use crate::model::{ChoiceProblem, Parameter, RISK_AWARE};
 
     fn two() -> FittedProblem {
         let actions = [("a", [(1.0, 1.0)]), ("b", [(1.0, 0.0)])];
@@ -202,6 +216,7 @@ mod tests {
     /// Draws of θ alone: P(a) = 1/(1 + e^−θ).
     fn draws(theta: f64) -> Draws {
         Draws {
+            model: &RISK_AWARE,
             chains: 1,
             per_chain: 4000,
             columns: vec![(Quantity::Parameter(Parameter::Theta), vec![theta; 4000])],

@@ -156,7 +156,8 @@ fn seed(study: &StudyId, plan: &PlanId, part: &PartId, model: &ChoiceModel) -> u
     first >> 11
 }
 
-fn settings(study: &Study, seed: u64) -> FitSettings {
+/// How the study's models are fitted, with this seed.
+pub fn settings(study: &Study, seed: u64) -> FitSettings {
     let wanted = study.fit();
     let mut priors = Priors::with_weighting_floor(match wanted.weighting {
         study::Weighting::Monotone => WEIGHTING_FLOOR,

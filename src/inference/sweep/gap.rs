@@ -506,7 +506,7 @@ fn safest(problem: &FittedProblem) -> usize {
 mod tests {
     use super::super::tests::{driving, scores, settings};
     use super::*;
-    use crate::model::{MODELS, RISK_AWARE};
+    use crate::model::{PAPER_MODELS, RISK_AWARE};
 
     #[test]
     fn the_driving_studys_fine_runs_from_26_to_474_with_the_optimum_unchanged() {
@@ -574,7 +574,8 @@ mod tests {
         let problems = [driving(0.95, false), driving(0.05, false)];
         let variation = Variation::default_for(&problems).unwrap();
         let sweep = GapSweep::new(&problems, variation, 2, &Pattern::default()).unwrap();
-        let simulation = Simulation::new(sweep.cells(), MODELS.to_vec(), 2, settings()).unwrap();
+        let simulation =
+            Simulation::new(sweep.cells(), PAPER_MODELS.to_vec(), 2, settings()).unwrap();
         let report = sweep.report(&simulation, &scores(&simulation));
         let gain = |series: usize, point: usize| {
             let point = &report.series[series].points[point];

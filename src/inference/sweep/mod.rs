@@ -341,7 +341,7 @@ fn is_unanimous(counts: &[u64]) -> bool {
 mod tests {
     use super::*;
     use crate::inference::uninterrupted;
-    use crate::model::{ChoiceProblem, MODELS};
+    use crate::model::{ChoiceProblem, PAPER_MODELS};
 
     /// The driving study's question: a fine of 50 for sure, or a ticket of 500 with this probability.
     pub(super) fn driving(p: f64, stop_first: bool) -> FittedProblem {
@@ -382,7 +382,7 @@ mod tests {
                 problem: driving(0.95, stop_first),
                 counts: counts.to_vec(),
             };
-            Simulation::new(vec![cell], MODELS.to_vec(), 2, settings()).unwrap()
+            Simulation::new(vec![cell], PAPER_MODELS.to_vec(), 2, settings()).unwrap()
         };
         let forwards = scores(&simulation(false));
         let other = simulation(true);

@@ -142,7 +142,7 @@ impl ShareSweep {
 mod tests {
     use super::super::tests::{driving, scores, settings};
     use super::*;
-    use crate::model::{ChoiceProblem, MODELS, NOISY_RATIONAL, RISK_AWARE};
+    use crate::model::{ChoiceProblem, NOISY_RATIONAL, PAPER_MODELS, RISK_AWARE};
 
     fn three() -> FittedProblem {
         let actions = [
@@ -198,7 +198,7 @@ mod tests {
         let sweep = ShareSweep::new(driving(0.95, false), None, 30).unwrap();
         let all = sweep.cells();
         let cells = vec![all[5].clone(), all[20].clone()];
-        let simulation = Simulation::new(cells, MODELS.to_vec(), 3, settings()).unwrap();
+        let simulation = Simulation::new(cells, PAPER_MODELS.to_vec(), 3, settings()).unwrap();
         let found = simulation.by_cell(&scores(&simulation));
         let score = |cell: usize, model: &str| found[cell].get(model).unwrap().clone();
         let mean = |cell, model| score(cell, model).ln_kl.mean.unwrap();
