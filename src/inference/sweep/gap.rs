@@ -568,9 +568,10 @@ mod tests {
         );
     }
 
-    /// 25 of 30 on the optimal action with a wide gap: both models follow. On the suboptimal one: Risk-Aware alone.
+    /// The paper's claim. 25 of 30 on the optimal action by far: both models follow. On an action that is worse by far (474 for
+    /// sure against a 5 % risk of 500): neither does. Where the two are close, on either side, Risk-Aware alone does.
     #[test]
-    fn risk_aware_gains_where_most_people_are_suboptimal() {
+    fn risk_aware_gains_where_expected_rewards_are_close() {
         let problems = [driving(0.95, false), driving(0.05, false)];
         let variation = Variation::default_for(&problems).unwrap();
         let sweep = GapSweep::new(&problems, variation, 2, &Pattern::default()).unwrap();
@@ -582,8 +583,9 @@ mod tests {
             point.difference.get(RISK_AWARE.id).unwrap().mean.unwrap()
         };
         assert!(gain(0, 0).abs() < 1.5, "optimal, far: {}", gain(0, 0));
-        assert!(gain(1, 1) > 1.5, "suboptimal, far: {}", gain(1, 1));
-        assert!(gain(0, 1) > 1.5, "optimal, but by 1 of 500: {}", gain(0, 1));
+        assert!(gain(1, 1).abs() < 0.5, "suboptimal, far: {}", gain(1, 1));
+        assert!(gain(1, 0) > 1.5, "suboptimal by 1 of 500: {}", gain(1, 0));
+        assert!(gain(0, 1) > 1.5, "optimal by 1 of 500: {}", gain(0, 1));
     }
 
     #[test]
