@@ -14,6 +14,9 @@ mod predict;
 mod recover;
 mod serve;
 pub mod simulation;
+mod sweep;
+mod sweep_drawing;
+mod sweep_text;
 
 use std::{io::IsTerminal, process::ExitCode};
 
@@ -68,6 +71,8 @@ enum Command {
     Calibrate(calibrate::Arguments),
     /// Tell what a study of a given size would find: parameter recovery and power
     Recover(recover::Arguments),
+    /// Fit models to simulated shares of one problem, or over the gap of expected rewards
+    Sweep(sweep::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -115,6 +120,7 @@ impl Command {
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

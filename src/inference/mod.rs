@@ -7,10 +7,11 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
-//! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`];
+//! * what is read off a fit: [`accuracy`], [`curves`], [`predictive_check`], [`predict_from_draws`], [`wilson_interval`];
 //! * [`DrawsExport`]: the draws for other programs;
 //! * whether fits are to be believed, and what a study would find: [`calibration`] and [`recovery`], on
-//!   [simulated people](SimulatedPerson).
+//!   [simulated people](SimulatedPerson);
+//! * [`sweep`]: models fitted to simulated answers.
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
@@ -29,6 +30,7 @@ mod notes;
 pub mod optimum;
 mod posterior;
 mod prediction;
+pub mod predictive_check;
 mod priors;
 mod proportion;
 pub mod recovery;
@@ -37,6 +39,7 @@ mod sampled;
 pub mod sampler;
 mod simulated;
 mod summary;
+pub mod sweep;
 mod utility_table;
 
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
