@@ -127,7 +127,7 @@ async fn refit_next(
         tracing::error!(study = %study.id(), plan = %input.plan, part = %input.part, model = input.model.id, message, "a fit failed");
     }
     store
-        .save_fit(NewFit {
+        .save_fits(vec![NewFit {
             study: study.id().clone(),
             population,
             key: input.key(),
@@ -136,10 +136,11 @@ async fn refit_next(
             version,
             seed: input.settings.seed,
             attempts,
+            is_provisional: false,
             cpu_ms: finished.cpu_ms,
             outcome: finished.outcome,
             draws: finished.draws,
-        })
+        }])
         .await?;
     Ok(Progress::Fitted)
 }
