@@ -170,6 +170,8 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
         (&mut priors.delta, changes.delta),
         (&mut priors.lambda, changes.lambda),
         (&mut priors.tau, changes.tau),
+        (&mut priors.eta_gain, changes.eta_gain),
+        (&mut priors.eta_loss, changes.eta_loss),
     ] {
         match change {
             None => {}

@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::studies::turn_page;
-use super::{Change, Error, FitId, FitState, Population, Store, VersionId};
+use super::{Change, Error, FitId, FitState, Population, Store, VersionId, json};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
 
 /// How many fits of one model and part are kept: each is some tens of kilobytes, and can be computed again.
@@ -187,6 +187,49 @@ impl Store {
         .fetch_all(&self.pool)
         .await?;
         Ok(rows.into_iter().map(Fit::from).collect())
+    }
+
+    /// The ids of the newest fit of each model and part, and those of them that are not `known`: a page that moved on
+    /// needs only the new ones.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn new_fits(
+        &self,
+        study: &StudyId,
+        population: Population,
+        known: &[FitId],
+    ) -> Result<(Vec<FitId>, Vec<Fit>), Error> {
+        let ids: Vec<FitId> = sqlx::query_scalar(
+            r#"
+            select max(id)
+            from fit
+            where study_id = ? and is_simulated = ?
+            group by plan, part, model
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_all(&self.pool)
+        .await?;
+        let new: Vec<FitId> = ids
+            .iter()
+            .copied()
+            .filter(|id| !known.contains(id))
+            .collect();
+        let rows: Vec<FitRow> = sqlx::query_as(
+            r#"
+            select
+                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
+                is_provisional, result, message, created_at_ms, cpu_ms
+            from fit
+            where id in (select value from json_each(?))
+            "#,
+        )
+        .bind(json(&new))
+        .fetch_all(&self.pool)
+        .await?;
+        Ok((ids, rows.into_iter().map(Fit::from).collect()))
     }
 
     /// The fits of a study before `before` (none: from the newest on), the newest first, at most `limit`.

@@ -1,7 +1,7 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
 use super::{FactorId, LevelId, PartId, PlanId};
-use crate::model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE, RiskAwareOptions};
+use crate::model::{ChoiceModel, PAPER_MODELS, RiskAwareOptions};
 
 /// A way to split the fitted cells: each part gets its own fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub struct FitSettings {
 impl Default for FitSettings {
     fn default() -> Self {
         Self {
-            models: vec![&NOISY_RATIONAL, &RISK_AWARE],
+            models: PAPER_MODELS.to_vec(),
             samples: 30,
             weighting: Weighting::Monotone,
             options: RiskAwareOptions::default(),
@@ -76,6 +76,10 @@ pub struct Priors {
     pub lambda: Option<PriorChange>,
     /// Sensitivity in logits at the reference reward, 0 or more.
     pub tau: Option<PriorChange>,
+    /// η⁺ of Prelec's weighting with elevation.
+    pub eta_gain: Option<PriorChange>,
+    /// η⁻ of Prelec's weighting with elevation.
+    pub eta_loss: Option<PriorChange>,
 }
 
 /// The prior of one parameter.
