@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::{Parameter, Parameters};
+use crate::model::{ChoiceModel, Parameter, Parameters};
 
 /// A quantity that a fit reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,6 +25,40 @@ impl Quantity {
             Self::Parameter(parameter) => parameter.key(),
             Self::Tau => "tau",
             Self::LambdaTheta => "lambda_theta",
+        }
+    }
+}
+
+impl Quantity {
+    /// Its letter, as the paper writes it.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Parameter(Parameter::Alpha) => "α",
+            Self::Parameter(Parameter::Beta) => "β",
+            Self::Parameter(Parameter::Gamma) => "γ",
+            Self::Parameter(Parameter::Delta) => "δ",
+            Self::Parameter(Parameter::Lambda) => "λ",
+            Self::Parameter(Parameter::Theta) => "θ",
+            Self::Parameter(Parameter::EtaGain) => "η⁺",
+            Self::Parameter(Parameter::EtaLoss) => "η⁻",
+            Self::Tau => "τ",
+            Self::LambdaTheta => "λ·θ",
+        }
+    }
+
+    /// What it stands for, in a few words; `None` for a product of others.
+    pub const fn meaning(self) -> Option<&'static str> {
+        match self {
+            Self::Parameter(Parameter::Alpha) => Some("curvature of gains"),
+            Self::Parameter(Parameter::Beta) => Some("curvature of losses"),
+            Self::Parameter(Parameter::Gamma) => Some("weighting of gains"),
+            Self::Parameter(Parameter::Delta) => Some("weighting of losses"),
+            Self::Parameter(Parameter::Lambda) => Some("loss aversion"),
+            Self::Parameter(Parameter::Theta) => Some("sensitivity"),
+            Self::Parameter(Parameter::EtaGain) => Some("elevation of the weighting of gains"),
+            Self::Parameter(Parameter::EtaLoss) => Some("elevation of the weighting of losses"),
+            Self::Tau => Some("sensitivity in logits at the reference reward"),
+            Self::LambdaTheta => None,
         }
     }
 }
@@ -56,8 +90,10 @@ impl TryFrom<String> for Quantity {
 }
 
 /// Draws of every quantity: chain after chain, equally many from each.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Draws {
+    /// Whose parameters they are.
+    pub model: &'static ChoiceModel,
     /// How many chains.
     pub chains: usize,
     /// How many draws each chain kept.
@@ -83,7 +119,7 @@ impl Draws {
         found.map(|(_, values)| values.as_slice())
     }
 
-    /// The parameters of one draw; those the model does not learn are 1.
+    /// The parameters of one draw; those the model does not learn are 1, or follow from others.
     ///
     /// Draws lie within the ranges of [`Parameters`]; one from a damaged file that does not is read as 1 there.
     pub fn parameters(&self, draw: usize) -> Parameters {
@@ -95,7 +131,7 @@ impl Draws {
                     .unwrap_or(parameters);
             }
         }
-        parameters
+        self.model.complete(parameters)
     }
 
     /// One column (or any other value per draw) cut into its chains.
