@@ -16,6 +16,7 @@ pub mod curves;
 pub mod diagnostics;
 mod draws;
 mod fit;
+pub mod lanes;
 mod likelihood;
 mod maximum_likelihood;
 pub mod optimum;
