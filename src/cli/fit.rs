@@ -14,7 +14,7 @@ use super::fit_table::write_table;
 use crate::inference::{
     Fit, FitSettings, FitSummary, Priors, Progress, WEIGHTING_FLOOR, default_reference_reward, fit,
 };
-use crate::model::{ChoiceModel, MODELS, OrderedMap, model_named};
+use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named};
 
 /// Fits models to choices and prints what they say, as a table or as JSON.
 ///
@@ -49,7 +49,7 @@ pub(super) struct Arguments {
     /// Models to fit, separated by commas
     #[arg(
         long, value_name = "MODEL,...", value_delimiter = ',', value_parser = model,
-        default_values = MODELS.map(|model| model.id)
+        default_values = PAPER_MODELS.map(|model| model.id)
     )]
     models: Vec<&'static ChoiceModel>,
     /// Print the results of chains that have not converged too

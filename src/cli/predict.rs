@@ -85,8 +85,10 @@ fn answer(line: &[u8]) -> anyhow::Result<Answer> {
         // Every line is line 1 to the parser.
         anyhow::Error::msg(error.to_string().replace(" at line 1 column", " at column"))
     })?;
-    let parameters = model_named(&model)?
-        .parameters_from(parameters.iter().map(|(name, value)| (name, *value)))?;
+    let model = model_named(&model)?;
+    let options = model.options(options);
+    let parameters =
+        model.parameters_from(parameters.iter().map(|(name, value)| (name, *value)))?;
     let by_action = |values: Vec<f64>| -> OrderedMap<f64> {
         problem.names().map(str::to_owned).zip(values).collect()
     };

@@ -6,7 +6,7 @@ use super::diagnostics::{mean, quantile};
 use super::{Draws, Fit, FittedProblem};
 use crate::model::{
     ChoiceModel, Outcome, Parameter, Parameters, Prospect, RiskAwareOptions, decision_weights,
-    utilities, value, weighting,
+    utilities, value,
 };
 
 /// Most draws of each fit that curves are made from, evenly over its chains.
@@ -96,7 +96,7 @@ pub struct Curves {
 /// * `fits`: at least one; nothing is returned otherwise.
 pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
     let first = fits.first()?;
-    let options = first.settings.options;
+    let options = first.summary.options;
     let posterior: Vec<Parameters> = fits.iter().flat_map(|fit| spread(&fit.draws)).collect();
     let prior: Vec<Parameters> = spread(&first.prior_draws);
     let sample = Sample { posterior, prior };
@@ -106,10 +106,11 @@ pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
         .map(|i| i as f64 / PROBABILITY_STEPS as f64)
         .collect();
     let rewards = reward_grid(problems);
-    let weight = |parameter: Parameter| {
+    let weight = |exponent: Parameter, elevation: Parameter| {
         is_weighted(first.model).then(|| {
             sample.curve(&chances, Centre::Mean, |p, person| {
-                weighting(p, person.get(parameter))
+                let function = options.weighting_function;
+                function.weight(p, person.get(exponent), person.get(elevation))
             })
         })
     };
@@ -119,8 +120,8 @@ pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
         value(reward, alpha, beta, lambda)
     };
     Some(Curves {
-        weighting_gains: weight(Parameter::Gamma),
-        weighting_losses: weight(Parameter::Delta),
+        weighting_gains: weight(Parameter::Gamma, Parameter::EtaGain),
+        weighting_losses: weight(Parameter::Delta, Parameter::EtaLoss),
         risky_weights: risky_weights(problems, &sample, &chances, options),
         gains_through_normalisation_only: is_weighted(first.model)
             && options.normalise
@@ -288,8 +289,7 @@ fn risky_weight(
         },
     ];
     let prospect = Prospect::new(outcomes).ok()?;
-    let [gamma, delta] = [Parameter::Gamma, Parameter::Delta].map(|name| person.get(name));
-    let weights = decision_weights(&prospect, gamma, delta, options).ok()?;
+    let weights = decision_weights(&prospect, person, options).ok()?;
     let position = prospect
         .outcomes()
         .iter()

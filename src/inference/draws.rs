@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::model::{Parameter, Parameters};
+use crate::model::{ChoiceModel, Parameter, Parameters};
 
 /// A quantity that a fit reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -56,8 +56,10 @@ impl TryFrom<String> for Quantity {
 }
 
 /// Draws of every quantity: chain after chain, equally many from each.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Draws {
+    /// Whose parameters they are.
+    pub model: &'static ChoiceModel,
     /// How many chains.
     pub chains: usize,
     /// How many draws each chain kept.
@@ -83,7 +85,7 @@ impl Draws {
         found.map(|(_, values)| values.as_slice())
     }
 
-    /// The parameters of one draw; those the model does not learn are 1.
+    /// The parameters of one draw; those the model does not learn are 1, or follow from others.
     ///
     /// Draws lie within the ranges of [`Parameters`]; one from a damaged file that does not is read as 1 there.
     pub fn parameters(&self, draw: usize) -> Parameters {
@@ -95,7 +97,7 @@ impl Draws {
                     .unwrap_or(parameters);
             }
         }
-        parameters
+        self.model.complete(parameters)
     }
 
     /// One column (or any other value per draw) cut into its chains.

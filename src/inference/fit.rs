@@ -197,9 +197,10 @@ pub fn fit(
 ) -> Result<Fit, FitError> {
     let mut posterior = settings.posterior(model, data)?;
     let reference_reward = posterior.reference_reward();
+    let options = model.options(settings.options);
     let mut predictor = Predictor::new(
         data.problems().iter().map(|problem| &problem.problem),
-        settings.options,
+        options,
     );
 
     let sampled = if posterior.dimension() == 0 {
@@ -271,7 +272,7 @@ pub fn fit(
         acceptance: sampled.acceptance,
         reference_reward,
         priors: settings.priors,
-        options: settings.options,
+        options,
     };
     Ok(Fit {
         model,

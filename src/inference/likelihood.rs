@@ -225,7 +225,8 @@ mod tests {
 
     fn chooser() -> Parameters {
         let values = [0.8, 0.7, 0.6, 0.5, 2.0, 0.1];
-        let entries = Parameter::ALL
+        let entries = RISK_AWARE
+            .parameters
             .iter()
             .zip(values)
             .map(|(name, value)| (name.key(), value));

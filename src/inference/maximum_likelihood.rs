@@ -63,14 +63,16 @@ pub(super) fn maximum_likelihood(
     let mut ln_likelihood = value;
     // What lies at a bound is reported there, not next to it.
     for parameter in Parameter::ALL {
-        let end = if matches!(parameter, Parameter::Theta | Parameter::Lambda) {
-            0.0
-        } else {
-            1.0
+        let end = match parameter {
+            Parameter::Theta | Parameter::Lambda => 0.0,
+            Parameter::Alpha | Parameter::Beta | Parameter::Gamma | Parameter::Delta => 1.0,
+            // Their range has no end that belongs to it.
+            Parameter::EtaGain | Parameter::EtaLoss => continue,
         };
         let snapped = best
             .with(parameter, end)
             .expect("the ends of the ranges are allowed");
+        let snapped = model.complete(snapped);
         let there = posterior.ln_likelihood(&snapped);
         if model.is_free(parameter) && there >= ln_likelihood - SNAP_LOSS {
             best = snapped;
@@ -121,7 +123,9 @@ fn coordinates(moved: &[Parameter], posterior: &mut Posterior, position: &[f64])
         .iter()
         .map(|parameter| match parameter {
             Parameter::Theta => point.tau.ln() + funnel,
-            Parameter::Lambda => point.parameters.get(Parameter::Lambda).ln(),
+            Parameter::Lambda | Parameter::EtaGain | Parameter::EtaLoss => {
+                point.parameters.get(*parameter).ln()
+            }
             Parameter::Alpha | Parameter::Beta | Parameter::Gamma | Parameter::Delta => {
                 point.parameters.get(*parameter).sqrt().asin()
             }
@@ -146,13 +150,16 @@ fn parameters(moved: &[Parameter], posterior: &mut Posterior, position: &[f64]) 
     for (parameter, x) in moved.iter().zip(position) {
         match parameter {
             Parameter::Theta => sensitivity = *x,
-            Parameter::Lambda => parameters = set(parameters, *parameter, bounded(*x)),
+            Parameter::Lambda | Parameter::EtaGain | Parameter::EtaLoss => {
+                parameters = set(parameters, *parameter, bounded(*x));
+            }
             Parameter::Alpha | Parameter::Beta | Parameter::Gamma | Parameter::Delta => {
                 let exponent = x.sin().powi(2).clamp(SMALLEST_EXPONENT, 1.0);
                 parameters = set(parameters, *parameter, exponent);
             }
         }
     }
+    let parameters = posterior.complete(parameters);
     let tau = bounded(sensitivity - posterior.funnel(&parameters));
     let theta = (tau / posterior.reference_value(&parameters)).min(f64::MAX);
     set(parameters, Parameter::Theta, theta)
@@ -171,6 +178,7 @@ fn spread_point(moved: &[Parameter], index: usize) -> Vec<f64> {
             match parameter {
                 Parameter::Theta => -3.0 + 7.0 * at,
                 Parameter::Lambda => -3.0 + 5.0 * at,
+                Parameter::EtaGain | Parameter::EtaLoss => -1.0 + 2.0 * at,
                 Parameter::Alpha | Parameter::Beta | Parameter::Gamma | Parameter::Delta => {
                     at * std::f64::consts::FRAC_PI_2
                 }

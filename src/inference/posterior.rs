@@ -6,7 +6,7 @@ use rand_chacha::ChaCha12Rng;
 use super::likelihood::Likelihood;
 use super::sampler::{LnDensity, LogDensity};
 use super::{ChoiceData, Draws, FitError, FitSettings, Prior, Priors, Quantity};
-use crate::model::{ChoiceModel, Parameter, Parameters, RiskAwareOptions, value};
+use crate::model::{ChoiceModel, Curvature, Parameter, Parameters, RiskAwareOptions, value};
 
 /// Keeps the sensitivity's coordinate finite where utilities do not differ (models' funnel, see [`Posterior`]).
 const SPREAD_FLOOR: f64 = 0.02;
@@ -52,7 +52,7 @@ impl Posterior {
         options: RiskAwareOptions,
         reference_reward: f64,
     ) -> Self {
-        let likelihood = Likelihood::new(data, options);
+        let likelihood = Likelihood::new(data, model.options(options));
         let mut posterior = Self {
             model,
             priors,
@@ -128,6 +128,7 @@ impl Posterior {
             }
         }
         Draws {
+            model: self.model,
             chains: positions.len(),
             per_chain: positions[0].len(),
             columns,
@@ -148,6 +149,7 @@ impl Posterior {
             }
         }
         Draws {
+            model: self.model,
             chains: 1,
             per_chain: count,
             columns,
@@ -157,7 +159,8 @@ impl Posterior {
     /// The prior's variance of the coordinate on which a quantity's contraction is measured.
     pub(super) fn prior_coordinate_variance(&self, quantity: Quantity) -> f64 {
         let tau = self.priors.tau.ln_variance();
-        let curvature = if self.reference_reward < 0.0 {
+        let bends_apart = self.model.curvature == Curvature::Separate;
+        let curvature = if self.reference_reward < 0.0 && bends_apart {
             Parameter::Beta
         } else {
             Parameter::Alpha
@@ -191,6 +194,11 @@ impl Posterior {
         };
         // A value that rounding put on a bound lies somewhere beyond 36, where the logit ends.
         coordinate.clamp(-700.0, 700.0)
+    }
+
+    /// The parameters with those set that follow from others.
+    pub(super) fn complete(&self, parameters: Parameters) -> Parameters {
+        self.model.complete(parameters)
     }
 
     /// ln L at any parameters.
@@ -245,6 +253,7 @@ impl Posterior {
                 parameters = with(parameters, *parameter, value);
             }
         }
+        let parameters = self.complete(parameters);
         let tau = match tau {
             Some(tau) => tau,
             None => {
@@ -288,6 +297,7 @@ impl Posterior {
                 parameters = with(parameters, *parameter, value.max(f64::MIN_POSITIVE));
             }
         }
+        let parameters = self.complete(parameters);
         let theta = (tau / self.reference_value(&parameters)).min(f64::MAX);
         Point {
             parameters: with(parameters, Parameter::Theta, theta),
@@ -309,7 +319,7 @@ impl Posterior {
                 continue;
             }
             let other = self.prior_point(probe + 1).parameters.get(parameter);
-            let moved = self.unit_gaps(&with(here, parameter, other));
+            let moved = self.unit_gaps(&self.complete(with(here, parameter, other)));
             let same = gaps
                 .iter()
                 .zip(&moved)
@@ -374,7 +384,7 @@ impl LogDensity for Posterior {
             if parameter != Parameter::Theta {
                 parameters = with(parameters, parameter, prior.value(coordinate));
             } else if self.has_funnel() {
-                coordinate += self.funnel(&parameters);
+                coordinate += self.funnel(&self.complete(parameters));
             }
             position.push(coordinate);
         }

@@ -94,6 +94,7 @@ mod tests {
                 .unwrap();
         let theta = Quantity::Parameter(Parameter::Theta);
         let draws = Draws {
+            model: &crate::model::RISK_AWARE,
             chains: 1,
             per_chain: 2,
             columns: vec![(theta, vec![0.0, 1e6])],

@@ -134,6 +134,11 @@ pub struct Priors {
     pub lambda: Prior,
     /// τ, default LogNormal(median 5, log-sd 1.5).
     pub tau: Prior,
+    /// η⁺, default LogNormal(median 1, log-sd 0.5): no elevation most likely, estimates of the literature (about 0.6 to
+    /// 1.5, Stott 2006) well within it.
+    pub eta_gain: Prior,
+    /// η⁻, default LogNormal(median 1, log-sd 0.5).
+    pub eta_loss: Prior,
 }
 
 impl Default for Priors {
@@ -170,6 +175,14 @@ impl Priors {
                 median: 5.0,
                 log_sd: 1.5,
             },
+            eta_gain: Prior::LogNormal {
+                median: 1.0,
+                log_sd: 0.5,
+            },
+            eta_loss: Prior::LogNormal {
+                median: 1.0,
+                log_sd: 0.5,
+            },
         }
     }
 
@@ -182,6 +195,8 @@ impl Priors {
             Parameter::Delta => self.delta,
             Parameter::Lambda => self.lambda,
             Parameter::Theta => self.tau,
+            Parameter::EtaGain => self.eta_gain,
+            Parameter::EtaLoss => self.eta_loss,
         }
     }
 
@@ -196,10 +211,7 @@ impl Priors {
             } else {
                 parameter.key()
             };
-            let bounded = matches!(
-                parameter,
-                Parameter::Alpha | Parameter::Beta | Parameter::Gamma | Parameter::Delta
-            );
+            let bounded = parameter.is_share();
             match self.of(parameter) {
                 Prior::Uniform { low, high } => {
                     let ceiling = if bounded { 1.0 } else { f64::MAX };

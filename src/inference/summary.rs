@@ -49,7 +49,7 @@ pub struct FitSummary {
     pub reference_reward: f64,
     /// Priors used.
     pub priors: Priors,
-    /// Options used.
+    /// Options used, those that the model asks for included.
     pub options: RiskAwareOptions,
 }
 

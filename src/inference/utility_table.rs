@@ -1,7 +1,7 @@
 //! Utilities of many prospects at once, each distinct power and weighting value computed once.
 
 use crate::model::{
-    Cumulative, Parameter, Parameters, Prospect, RiskAwareOptions, ln_weighting, weight_spans,
+    Cumulative, Parameter, Parameters, Prospect, RiskAwareOptions, WeightingFunction, weight_spans,
 };
 
 /// Where in `values` the value of nothing stands.
@@ -11,12 +11,13 @@ const NOTHING: usize = 0;
 const NEVER: usize = 0;
 const SURELY: usize = 1;
 
-/// The utilities of fixed prospects as a function of α, β, γ, δ, λ.
+/// The utilities of fixed prospects as a function of α, β, γ, δ, η⁺, η⁻, λ.
 ///
 /// Agrees with [`utilities`](crate::model::utilities); where that reports an error, a utility here is NaN.
 #[derive(Debug, Clone)]
 pub(super) struct UtilityTable {
     normalise: bool,
+    weighting: WeightingFunction,
     gains: Vec<Magnitude>,
     losses: Vec<Magnitude>,
     gain_chances: Vec<Chance>,
@@ -28,7 +29,7 @@ pub(super) struct UtilityTable {
     weights: Vec<f64>,
     utilities: Vec<f64>,
     /// What the caches were computed at, none at first.
-    at: Option<[f64; 5]>,
+    at: Option<[f64; 7]>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,6 +74,7 @@ impl UtilityTable {
     pub(super) fn new(prospects: &[Prospect], options: RiskAwareOptions) -> Self {
         let mut table = Self {
             normalise: options.normalise,
+            weighting: options.weighting_function,
             gains: Vec::new(),
             losses: Vec::new(),
             gain_chances: Vec::new(),
@@ -144,16 +146,17 @@ impl UtilityTable {
 
     /// The utilities at these parameters (θ plays no part), in the order of the prospects.
     pub(super) fn utilities(&mut self, parameters: &Parameters) -> &[f64] {
-        use Parameter::{Alpha, Beta, Delta, Gamma, Lambda};
-        let now = [Alpha, Beta, Gamma, Delta, Lambda].map(|name| parameters.get(name));
+        use Parameter::{Alpha, Beta, Delta, EtaGain, EtaLoss, Gamma, Lambda};
+        let now =
+            [Alpha, Beta, Gamma, EtaGain, Delta, EtaLoss, Lambda].map(|name| parameters.get(name));
         if self.at != Some(now) {
             self.refresh(now);
         }
         &self.utilities
     }
 
-    fn refresh(&mut self, now: [f64; 5]) {
-        let [alpha, beta, gamma, delta, lambda] = now;
+    fn refresh(&mut self, now: [f64; 7]) {
+        let [alpha, beta, gamma, eta_gain, delta, eta_loss, lambda] = now;
         let before = self.at.replace(now);
         let changed = |index: usize| before.is_none_or(|before| before[index] != now[index]);
         let (first_loss, first_loss_chance) = (1 + self.gains.len(), 2 + self.gain_chances.len());
@@ -163,18 +166,20 @@ impl UtilityTable {
         if changed(1) {
             raise(&mut self.values[first_loss..], &self.losses, beta);
         }
-        if changed(2) {
+        if changed(2) || changed(3) {
             weigh(
+                self.weighting,
                 &mut self.weights[2..first_loss_chance],
                 &self.gain_chances,
-                gamma,
+                [gamma, eta_gain],
             );
         }
-        if changed(3) {
+        if changed(4) || changed(5) {
             weigh(
+                self.weighting,
                 &mut self.weights[first_loss_chance..],
                 &self.loss_chances,
-                delta,
+                [delta, eta_loss],
             );
         }
         let (values, weights) = (&self.values, &self.weights);
@@ -206,7 +211,7 @@ impl UtilityTable {
         }
         let chance = Chance {
             plain: cumulative.probability,
-            ln: cumulative.probability.ln(),
+            ln: cumulative.ln(),
             ln_complement: cumulative.complement.ln(),
         };
         if is_gain {
@@ -253,12 +258,19 @@ fn raise(values: &mut [f64], magnitudes: &[Magnitude], exponent: f64) {
     }
 }
 
-fn weigh(weights: &mut [f64], chances: &[Chance], exponent: f64) {
+fn weigh(
+    function: WeightingFunction,
+    weights: &mut [f64],
+    chances: &[Chance],
+    [exponent, elevation]: [f64; 2],
+) {
     for (weight, chance) in weights.iter_mut().zip(chances) {
-        *weight = if exponent == 1.0 {
+        *weight = if (exponent, elevation) == (1.0, 1.0) {
             chance.plain
         } else {
-            ln_weighting(chance.ln, chance.ln_complement, exponent).exp()
+            function
+                .ln_weight(chance.ln, chance.ln_complement, exponent, elevation)
+                .exp()
         };
     }
 }
@@ -268,7 +280,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::model::{ChoiceProblem, RISK_AWARE, ZeroOutcome, utilities};
+    use crate::model::{ChoiceProblem, RISK_AWARE_PRELEC_ELEVATION, ZeroOutcome, utilities};
 
     fn prospects() -> Vec<Prospect> {
         let text = r#"[[[1,20]], [[0.2,105],[0.8,0]], [[0.05,-500],[0.95,0]], [[1,-100]], [[1,0]],
@@ -279,19 +291,23 @@ mod tests {
     proptest! {
         #[test]
         fn the_table_says_what_the_model_says(
-            first in prop::array::uniform6(0.05..=1.0), second in prop::array::uniform6(0.05..=1.0),
-            normalise: bool, same_sign: bool, keep in 0_usize..5,
+            first in prop::array::uniform8(0.05..=1.0), second in prop::array::uniform8(0.05..=1.0),
+            normalise: bool, same_sign: bool, prelec: bool, keep in 0_usize..7,
         ) {
             let zero = if same_sign { ZeroOutcome::SameSign } else { ZeroOutcome::Gain };
-            let options = RiskAwareOptions { normalise, zero };
+            let weighting_function =
+                if prelec { WeightingFunction::Prelec } else { WeightingFunction::TverskyKahneman };
+            let options = RiskAwareOptions { normalise, zero, weighting_function };
             let prospects = prospects();
             let mut table = UtilityTable::new(&prospects, options);
             // The second set shares one value with the first, so that a cache is kept in between.
             let mut second = second;
             second[keep] = first[keep];
-            for values in [first, second, [1.0; 6]] {
+            for values in [first, second, [1.0; 8]] {
                 let entries = Parameter::ALL.iter().zip(values);
-                let parameters = RISK_AWARE.parameters_from(entries.map(|(n, v)| (n.key(), v))).unwrap();
+                let parameters = RISK_AWARE_PRELEC_ELEVATION
+                    .parameters_from(entries.map(|(n, v)| (n.key(), v)))
+                    .unwrap();
                 let found = table.utilities(&parameters);
                 for (index, prospect) in prospects.iter().enumerate() {
                     let pair = [("a".to_owned(), prospect.clone()), ("b".to_owned(), prospects[0].clone())];

@@ -8,7 +8,7 @@ use crate::{
     inference::{
         ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR,
     },
-    model::{ChoiceModel, ChoiceProblem, MODELS, OrderedMap},
+    model::{ChoiceModel, ChoiceProblem, OrderedMap, PAPER_MODELS},
     store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
 };
@@ -52,7 +52,7 @@ impl FitInput {
         let mut inputs = Vec::new();
         for plan in study.plans() {
             for part in &plan.parts {
-                for model in MODELS {
+                for model in PAPER_MODELS {
                     inputs.extend(Self::new(study, &plan.id, part, model, counts));
                 }
             }
@@ -170,6 +170,8 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
         (&mut priors.delta, changes.delta),
         (&mut priors.lambda, changes.lambda),
         (&mut priors.tau, changes.tau),
+        (&mut priors.eta_gain, changes.eta_gain),
+        (&mut priors.eta_loss, changes.eta_loss),
     ] {
         match change {
             None => {}
@@ -237,7 +239,7 @@ mod tests {
             assert_eq!(before.settings.seed, after.settings.seed);
             moved += usize::from(has_cell);
         }
-        assert_eq!(moved, study.plans().len() * MODELS.len());
+        assert_eq!(moved, study.plans().len() * PAPER_MODELS.len());
     }
 
     #[test]

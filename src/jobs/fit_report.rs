@@ -9,7 +9,7 @@ use crate::{
         accuracy::CellAccuracy,
         curves::{Curves, curves},
     },
-    model::{ChoiceProblem, OrderedMap},
+    model::{ChoiceProblem, OrderedMap, model_named},
     store::{self, FitOutcome},
 };
 
@@ -74,7 +74,7 @@ impl FitReport {
         }
     }
 
-    /// The stored draws of this fit; `None` if they are not of the announced size.
+    /// The stored draws of this fit; `None` if they are not of the announced size, or of a model unknown here.
     pub fn draws(&self, blob: &[u8]) -> Option<Draws> {
         let (chains, per_chain) = (self.summary.chains, self.summary.draws);
         let length = chains * per_chain;
@@ -93,6 +93,7 @@ impl FitReport {
             .zip(values.chunks_exact(length).map(<[f64]>::to_vec))
             .collect();
         Some(Draws {
+            model: model_named(&self.summary.model).ok()?,
             chains,
             per_chain,
             columns,

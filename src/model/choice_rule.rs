@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::psychophysics::{ln_weighting, value};
+use super::psychophysics::{WeightingFunction, value};
 use super::{ChoiceProblem, Parameter, Parameters, Prospect};
 
 /// Where an outcome of exactly nothing belongs.
@@ -24,6 +24,8 @@ pub struct RiskAwareOptions {
     pub normalise: bool,
     /// Where an outcome of nothing belongs.
     pub zero: ZeroOutcome,
+    /// How probabilities are felt.
+    pub weighting_function: WeightingFunction,
 }
 
 impl Default for RiskAwareOptions {
@@ -31,6 +33,7 @@ impl Default for RiskAwareOptions {
         Self {
             normalise: true,
             zero: ZeroOutcome::Gain,
+            weighting_function: WeightingFunction::TverskyKahneman,
         }
     }
 }
@@ -44,7 +47,7 @@ impl Default for RiskAwareOptions {
 /// ```
 ///
 /// * outcomes are sorted by decreasing reward; rewards ≥ 0 are gains, zero as `options.zero` says.
-/// * `gamma`, `delta`: distortion for gains and losses, in (0, 1]; 1 leaves probabilities as they are.
+/// * `parameters`: γ and η⁺ distort the probabilities of gains, δ and η⁻ those of losses; at 1 they leave them as they are.
 ///
 /// Source: Tversky & Kahneman (1992), equations 1 and 2; the normalisation is the paper's.
 ///
@@ -52,15 +55,18 @@ impl Default for RiskAwareOptions {
 /// When the weights are so small that their sum underflows to 0 (γ or δ near 0).
 pub fn decision_weights(
     prospect: &Prospect,
-    gamma: f64,
-    delta: f64,
+    parameters: &Parameters,
     options: RiskAwareOptions,
 ) -> Result<Vec<f64>, WeightsVanish> {
+    use Parameter::{Delta, EtaGain, EtaLoss, Gamma};
+    let of_gains = [Gamma, EtaGain].map(|name| parameters.get(name));
+    let of_losses = [Delta, EtaLoss].map(|name| parameters.get(name));
     let mut weights: Vec<f64> = weight_spans(prospect, options.zero)
         .iter()
         .map(|span| {
-            let exponent = if span.is_gain { gamma } else { delta };
-            span.outer.weight(exponent) - span.inner.weight(exponent)
+            let distortion = if span.is_gain { of_gains } else { of_losses };
+            let weight = |at: Cumulative| at.weight(options.weighting_function, distortion);
+            weight(span.outer) - weight(span.inner)
         })
         .collect();
     if options.normalise {
@@ -95,14 +101,18 @@ pub fn utilities(
     parameters: &Parameters,
     options: RiskAwareOptions,
 ) -> Result<Vec<f64>, ChoiceError> {
-    let [alpha, beta, gamma, delta, lambda, _] = Parameter::ALL.map(|name| parameters.get(name));
+    use Parameter::{Alpha, Beta, Delta, EtaGain, EtaLoss, Gamma, Lambda};
+    let [alpha, beta, lambda] = [Alpha, Beta, Lambda].map(|name| parameters.get(name));
+    let is_undistorted = [Gamma, Delta, EtaGain, EtaLoss]
+        .into_iter()
+        .all(|name| parameters.get(name) == 1.0);
     let utility = |prospect: &Prospect| -> Result<f64, WeightsVanish> {
-        if (gamma, delta) == (1.0, 1.0) {
+        if is_undistorted {
             // Differences of sums would only add rounding.
             let plain = |o: &super::Outcome| o.probability * value(o.reward, alpha, beta, lambda);
             return Ok(prospect.outcomes().iter().map(plain).sum());
         }
-        let weights = decision_weights(prospect, gamma, delta, options)?;
+        let weights = decision_weights(prospect, parameters, options)?;
         let weighed = weights.iter().zip(prospect.outcomes());
         Ok(weighed
             .map(|(weight, o)| weight * value(o.reward, alpha, beta, lambda))
@@ -216,16 +226,27 @@ pub(crate) struct Cumulative {
 }
 
 impl Cumulative {
-    /// Its weight under distortion `exponent`, see [`weighting`](super::weighting).
-    fn weight(self, exponent: f64) -> f64 {
+    /// Its logarithm, from whichever of the two carries more digits.
+    pub(crate) fn ln(self) -> f64 {
+        if self.complement < 0.5 {
+            (-self.complement).ln_1p()
+        } else {
+            self.probability.ln()
+        }
+    }
+
+    /// Its weight under an exponent and an elevation.
+    fn weight(self, function: WeightingFunction, [exponent, elevation]: [f64; 2]) -> f64 {
         if self.probability <= 0.0 {
             0.0
         } else if self.complement <= 0.0 {
             1.0
-        } else if exponent == 1.0 {
+        } else if (exponent, elevation) == (1.0, 1.0) {
             self.probability
         } else {
-            ln_weighting(self.probability.ln(), self.complement.ln(), exponent).exp()
+            function
+                .ln_weight(self.ln(), self.complement.ln(), exponent, elevation)
+                .exp()
         }
     }
 }
@@ -324,11 +345,16 @@ mod tests {
         theta: f64,
     ) -> Parameters {
         let values = [alpha, beta, gamma, delta, lambda, theta];
-        let entries = Parameter::ALL
+        let entries = RISK_AWARE
+            .parameters
             .iter()
             .zip(values)
             .map(|(name, value)| (name.key(), value));
         RISK_AWARE.parameters_from(entries).unwrap()
+    }
+
+    fn distorted(gamma: f64, delta: f64) -> Parameters {
+        chooser(1.0, 1.0, gamma, delta, 1.0, 1.0)
     }
 
     /// The parameters that Tversky & Kahneman (1992) found, their medians over 25 students.
@@ -341,8 +367,7 @@ mod tests {
     fn weights_of_a_rare_loss() {
         let weights = decision_weights(
             &prospect(&[(0.05, -500.0), (0.95, 0.0)]),
-            0.61,
-            0.69,
+            &distorted(0.61, 0.69),
             RiskAwareOptions::default(),
         )
         .unwrap();
@@ -395,7 +420,7 @@ mod tests {
             (sixth, 4.0),
             (sixth, 6.0),
         ]);
-        let weights = decision_weights(&die, 0.61, 0.69, unnormalised()).unwrap();
+        let weights = decision_weights(&die, &distorted(0.61, 0.69), unnormalised()).unwrap();
         let gain = |count: f64| weighting(count / 6.0, 0.61);
         let loss = |count: f64| weighting(count / 6.0, 0.69);
         let expected = [
@@ -431,7 +456,7 @@ mod tests {
             ..RiskAwareOptions::default()
         };
         let losses = prospect(&[(0.05, -500.0), (0.95, 0.0)]);
-        let weights = decision_weights(&losses, 0.3, 0.69, same_sign).unwrap();
+        let weights = decision_weights(&losses, &distorted(0.3, 0.69), same_sign).unwrap();
         check(
             &weights,
             &[1.0 - weighting(0.05, 0.69), weighting(0.05, 0.69)],
@@ -440,8 +465,8 @@ mod tests {
         // With a gain in the prospect zero stays a gain, whatever the option.
         let mixed = prospect(&[(0.2, 10.0), (0.3, 0.0), (0.5, -10.0)]);
         assert_eq!(
-            decision_weights(&mixed, 0.5, 0.7, same_sign),
-            decision_weights(&mixed, 0.5, 0.7, RiskAwareOptions::default())
+            decision_weights(&mixed, &distorted(0.5, 0.7), same_sign),
+            decision_weights(&mixed, &distorted(0.5, 0.7), RiskAwareOptions::default())
         );
     }
 
@@ -508,7 +533,8 @@ mod tests {
             read,
             RiskAwareOptions {
                 normalise: true,
-                zero: ZeroOutcome::SameSign
+                zero: ZeroOutcome::SameSign,
+                weighting_function: WeightingFunction::TverskyKahneman,
             }
         );
         assert!(serde_json::from_str::<RiskAwareOptions>(r#"{"normalize":true}"#).is_err());

@@ -20,7 +20,11 @@ mod properties;
 mod prospect;
 mod psychophysics;
 
-pub use choice_model::{ChoiceModel, MODELS, ModelError, NOISY_RATIONAL, RISK_AWARE, model_named};
+pub use choice_model::{
+    CUMULATIVE_PROSPECT, ChoiceModel, Curvature, EXPECTED_UTILITY, MODELS, ModelError,
+    NOISY_RATIONAL, PAPER_MODELS, RISK_AWARE, RISK_AWARE_PRELEC, RISK_AWARE_PRELEC_ELEVATION,
+    RISK_AWARE_SAME_SIGN, RISK_AWARE_UNNORMALISED, model_named,
+};
 pub use choice_problem::{ActionProspect, ChoiceProblem, ChoiceProblemError};
 pub use choice_rule::{
     ChoiceError, RiskAwareOptions, ZeroOutcome, decision_weights, ln_probabilities,
@@ -30,5 +34,4 @@ pub(crate) use choice_rule::{Cumulative, weight_spans};
 pub use ordered_map::OrderedMap;
 pub use parameters::{Parameter, ParameterError, Parameters};
 pub use prospect::{Outcome, Prospect, ProspectError};
-pub(crate) use psychophysics::ln_weighting;
-pub use psychophysics::{value, weighting};
+pub use psychophysics::{WeightingFunction, value, weighting};

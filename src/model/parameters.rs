@@ -17,17 +17,23 @@ pub enum Parameter {
     Lambda,
     /// θ, sensitivity of choices to utility, in 1/utility.
     Theta,
+    /// η⁺, elevation of Prelec's weighting of the probabilities of gains.
+    EtaGain,
+    /// η⁻, the same for losses.
+    EtaLoss,
 }
 
 impl Parameter {
-    /// All parameters in the order in which they are reported.
-    pub const ALL: [Self; 6] = [
+    /// All parameters.
+    pub const ALL: [Self; 8] = [
         Self::Alpha,
         Self::Beta,
         Self::Gamma,
         Self::Delta,
         Self::Lambda,
         Self::Theta,
+        Self::EtaGain,
+        Self::EtaLoss,
     ];
 
     /// The name in JSON, tables and files.
@@ -39,6 +45,8 @@ impl Parameter {
             Self::Delta => "delta",
             Self::Lambda => "lambda",
             Self::Theta => "theta",
+            Self::EtaGain => "eta_gain",
+            Self::EtaLoss => "eta_loss",
         }
     }
 
@@ -54,6 +62,15 @@ impl Parameter {
         match self {
             Self::Alpha | Self::Beta | Self::Gamma | Self::Delta => "above 0 and at most 1",
             Self::Lambda | Self::Theta => "0 or more, and finite",
+            Self::EtaGain | Self::EtaLoss => "above 0 and finite",
+        }
+    }
+
+    /// Whether the parameter lies between 0 and 1.
+    pub const fn is_share(self) -> bool {
+        match self {
+            Self::Alpha | Self::Beta | Self::Gamma | Self::Delta => true,
+            Self::Lambda | Self::Theta | Self::EtaGain | Self::EtaLoss => false,
         }
     }
 
@@ -62,6 +79,7 @@ impl Parameter {
         match self {
             Self::Alpha | Self::Beta | Self::Gamma | Self::Delta => 0.0 < value && value <= 1.0,
             Self::Lambda | Self::Theta => (0.0..f64::INFINITY).contains(&value),
+            Self::EtaGain | Self::EtaLoss => 0.0 < value && value < f64::INFINITY,
         }
     }
 }
@@ -72,15 +90,15 @@ impl fmt::Display for Parameter {
     }
 }
 
-/// A value for each parameter, each within its range: α, β, γ, δ in (0, 1], λ ≥ 0, θ ≥ 0, all finite.
+/// A value for each parameter, each within its range: α, β, γ, δ in (0, 1], λ ≥ 0, θ ≥ 0, η⁺, η⁻ > 0, all finite.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
-    values: [f64; 6],
+    values: [f64; 8],
 }
 
 impl Parameters {
     /// Every parameter at 1: rewards and probabilities are taken as they are.
-    pub const ONES: Self = Self { values: [1.0; 6] };
+    pub const ONES: Self = Self { values: [1.0; 8] };
 
     /// The value of one parameter.
     pub const fn get(&self, parameter: Parameter) -> f64 {

@@ -3,8 +3,8 @@
 use proptest::prelude::*;
 
 use super::{
-    ChoiceProblem, Parameter, Parameters, RISK_AWARE, RiskAwareOptions, ZeroOutcome,
-    ln_probabilities, probabilities, utilities,
+    ChoiceProblem, Parameter, Parameters, RISK_AWARE, RiskAwareOptions, WeightingFunction,
+    ZeroOutcome, ln_probabilities, probabilities, utilities,
 };
 
 type Actions = Vec<(String, Vec<(f64, f64)>)>;
@@ -46,7 +46,7 @@ fn parameters() -> impl Strategy<Value = Parameters> {
     )
         .prop_map(|(alpha, beta, gamma, delta, lambda, theta)| {
             let values = [alpha, beta, gamma, delta, lambda, theta];
-            let entries = Parameter::ALL.iter().zip(values);
+            let entries = RISK_AWARE.parameters.iter().zip(values);
             RISK_AWARE
                 .parameters_from(entries.map(|(name, value)| (name.key(), value)))
                 .unwrap()
@@ -55,7 +55,17 @@ fn parameters() -> impl Strategy<Value = Parameters> {
 
 fn options() -> impl Strategy<Value = RiskAwareOptions> {
     let zero = prop_oneof![Just(ZeroOutcome::Gain), Just(ZeroOutcome::SameSign)];
-    (any::<bool>(), zero).prop_map(|(normalise, zero)| RiskAwareOptions { normalise, zero })
+    let function = prop_oneof![
+        Just(WeightingFunction::TverskyKahneman),
+        Just(WeightingFunction::Prelec)
+    ];
+    (any::<bool>(), zero, function).prop_map(|(normalise, zero, weighting_function)| {
+        RiskAwareOptions {
+            normalise,
+            zero,
+            weighting_function,
+        }
+    })
 }
 
 fn problem(actions: &Actions) -> ChoiceProblem {

@@ -1,4 +1,6 @@
-//! How rewards and probabilities are felt: the value function and the probability weighting function.
+//! How rewards and probabilities are felt: the value function and the probability weighting functions.
+
+use serde::{Deserialize, Serialize};
 
 /// The value of a reward.
 ///
@@ -34,22 +36,56 @@ pub fn value(reward: f64, alpha: f64, beta: f64, lambda: f64) -> f64 {
 ///
 /// Source: Tversky & Kahneman (1992), equation 6.
 pub fn weighting(p: f64, gamma: f64) -> f64 {
-    if p <= 0.0 {
-        0.0
-    } else if p >= 1.0 {
-        1.0
-    } else if gamma == 1.0 {
-        p
-    } else {
-        ln_weighting(p.ln(), (-p).ln_1p(), gamma).exp()
-    }
+    WeightingFunction::TverskyKahneman.weight(p, gamma, 1.0)
 }
 
-/// ln w(p) from ln p and ln(1 − p), both finite.
-pub(crate) fn ln_weighting(ln_p: f64, ln_complement: f64, gamma: f64) -> f64 {
-    let (mine, other) = (gamma * ln_p, gamma * ln_complement);
-    let ln_sum = mine.max(other) + (-(mine - other).abs()).exp().ln_1p();
-    mine - ln_sum / gamma
+/// A family of probability weighting functions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WeightingFunction {
+    /// `w(p) = p^γ / (p^γ + (1−p)^γ)^(1/γ)`, without elevation. Source: Tversky & Kahneman (1992), equation 6.
+    #[default]
+    TverskyKahneman,
+    /// `w(p) = exp(−η (−ln p)^γ)`, monotone for every γ. Source: Prelec (1998), equations 3.1 (η = 1) and 3.2.
+    Prelec,
+}
+
+impl WeightingFunction {
+    /// The weight of a cumulative probability.
+    ///
+    /// * `p`: probability; values outside [0, 1] are clamped. w(0) = 0 and w(1) = 1 exactly.
+    /// * `exponent`: γ or δ, in (0, 1]; `elevation`: η above 0, without effect on Tversky and Kahneman's function. Where
+    ///   both are 1 probabilities are left as they are.
+    pub fn weight(self, p: f64, exponent: f64, elevation: f64) -> f64 {
+        if p <= 0.0 {
+            0.0
+        } else if p >= 1.0 {
+            1.0
+        } else if (exponent, elevation) == (1.0, 1.0) {
+            p
+        } else {
+            self.ln_weight(p.ln(), (-p).ln_1p(), exponent, elevation)
+                .exp()
+        }
+    }
+
+    /// ln w(p) from ln p and ln(1 − p), both finite and below 0.
+    pub(crate) fn ln_weight(
+        self,
+        ln_p: f64,
+        ln_complement: f64,
+        exponent: f64,
+        elevation: f64,
+    ) -> f64 {
+        match self {
+            Self::TverskyKahneman => {
+                let (mine, other) = (exponent * ln_p, exponent * ln_complement);
+                let ln_sum = mine.max(other) + (-(mine - other).abs()).exp().ln_1p();
+                mine - ln_sum / exponent
+            }
+            Self::Prelec => -elevation * (-ln_p).powf(exponent),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -75,6 +111,17 @@ mod tests {
         check_weight(0.50, 0.61, 0.4206394);
         check_weight(0.90, 0.61, 0.7117161);
         check_weight(0.95, 0.61, 0.7931958);
+    }
+
+    /// Prelec (1998): w(1/e) = exp(−η) whatever the exponent is.
+    #[test]
+    fn the_fixed_point_of_prelec_does_not_move_with_the_exponent() {
+        let fixed = (-1.0_f64).exp();
+        for (exponent, elevation) in [(0.3, 1.0), (0.65, 1.0), (0.65, 1.4), (1.0, 0.7)] {
+            let found = WeightingFunction::Prelec.weight(fixed, exponent, elevation);
+            assert!((found - (-elevation).exp()).abs() < 1e-15, "{found}");
+        }
+        assert_eq!(WeightingFunction::Prelec.weight(0.3, 1.0, 1.0), 0.3);
     }
 
     /// At p = ½ the equation reduces to w = ½^γ / (2·½^γ)^(1/γ) = 2^(1 − γ − 1/γ).

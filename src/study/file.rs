@@ -297,6 +297,8 @@ pub(super) struct RawPriors {
     pub(super) delta: Option<RawPrior>,
     pub(super) lambda: Option<RawPrior>,
     pub(super) tau: Option<RawPrior>,
+    pub(super) eta_gain: Option<RawPrior>,
+    pub(super) eta_loss: Option<RawPrior>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]

@@ -73,6 +73,10 @@ pub struct Priors {
     pub lambda: Option<PriorChange>,
     /// Sensitivity in logits at the reference reward, 0 or more.
     pub tau: Option<PriorChange>,
+    /// η⁺ of Prelec's weighting with elevation.
+    pub eta_gain: Option<PriorChange>,
+    /// η⁻ of Prelec's weighting with elevation.
+    pub eta_loss: Option<PriorChange>,
 }
 
 /// The prior of one parameter.

@@ -215,7 +215,7 @@ async fn prediction_from_parameters_needs_no_fit() {
     assert_eq!(answer["most_likely"], "unstable");
     assert_eq!(
         answer["options"],
-        json!({ "normalise": true, "zero": "gain" })
+        json!({ "normalise": true, "zero": "gain", "weighting_function": "tversky_kahneman" })
     );
 
     let many_actions: serde_json::Map<String, Value> = (0..21)

@@ -12,8 +12,9 @@ use riskaware::inference::{
     Priors, Progress, Quantity, Source, fit, predict_from_draws, uninterrupted,
 };
 use riskaware::model::{
-    ChoiceModel, ChoiceProblem, NOISY_RATIONAL, OrderedMap, Parameter, Parameters, RISK_AWARE,
-    RiskAwareOptions, probabilities,
+    CUMULATIVE_PROSPECT, ChoiceModel, ChoiceProblem, EXPECTED_UTILITY, MODELS, NOISY_RATIONAL,
+    OrderedMap, Parameter, Parameters, RISK_AWARE, RISK_AWARE_PRELEC, RISK_AWARE_PRELEC_ELEVATION,
+    RISK_AWARE_SAME_SIGN, RISK_AWARE_UNNORMALISED, RiskAwareOptions, probabilities,
 };
 
 type Outcomes<'a> = &'a [(f64, f64)];
@@ -94,6 +95,46 @@ fn kahneman_and_tversky_reject_expected_rewards() {
             (found / expected - 1.0).abs() < 0.02,
             "{name}: {found}, expected {expected}"
         );
+    }
+}
+
+/// Each model that holds another one reaches at least its likelihood; and every member of the family converges.
+#[test]
+fn the_family_fits_and_its_ladder_climbs() {
+    let data = kahneman_tversky();
+    let highest: Vec<f64> = MODELS
+        .into_iter()
+        .map(|model| {
+            let fit = fitted(model, &data, &FitSettings::default());
+            assert!(
+                fit.summary.converged,
+                "{model}: {:#?}",
+                fit.summary.diagnostics
+            );
+            fit.summary.max_log_likelihood.unwrap()
+        })
+        .collect();
+    let of =
+        |model: &ChoiceModel| highest[MODELS.iter().position(|known| *known == model).unwrap()];
+    let ladders: [&[&ChoiceModel]; 2] = [
+        &[
+            &NOISY_RATIONAL,
+            &EXPECTED_UTILITY,
+            &CUMULATIVE_PROSPECT,
+            &RISK_AWARE,
+        ],
+        &[&RISK_AWARE_PRELEC, &RISK_AWARE_PRELEC_ELEVATION],
+    ];
+    for pair in ladders.iter().flat_map(|ladder| ladder.windows(2)) {
+        assert!(of(pair[0]) <= of(pair[1]) + 1e-6, "{} {}", pair[0], pair[1]);
+    }
+    // The forms are other models, not other names.
+    for form in [
+        &RISK_AWARE_UNNORMALISED,
+        &RISK_AWARE_SAME_SIGN,
+        &RISK_AWARE_PRELEC,
+    ] {
+        assert!((of(form) - of(&RISK_AWARE)).abs() > 1e-3, "{form}");
     }
 }
 
@@ -340,7 +381,11 @@ fn unanimous_cells_converge_and_are_marked() {
 #[test]
 fn parameters_of_simulated_people_are_recovered() {
     let truth = [0.7, 0.8, 0.6, 0.7, 1.8, 0.04];
-    let entries = Parameter::ALL.iter().map(|name| name.key()).zip(truth);
+    let entries = RISK_AWARE
+        .parameters
+        .iter()
+        .map(|name| name.key())
+        .zip(truth);
     let person = RISK_AWARE.parameters_from(entries).unwrap();
     let template = kahneman_tversky();
     let mut problems = template.problems().to_vec();
@@ -371,7 +416,7 @@ fn parameters_of_simulated_people_are_recovered() {
     let data = ChoiceData::from_counts(problems.clone(), counts).unwrap();
     let fit = fitted(&RISK_AWARE, &data, &FitSettings::default());
     assert!(fit.summary.converged);
-    for (name, expected) in Parameter::ALL.iter().zip(truth) {
+    for (name, expected) in RISK_AWARE.parameters.iter().zip(truth) {
         let found = parameter(&fit, name.key());
         assert!(
             (found.mean - expected).abs() < 3.5 * found.sd,

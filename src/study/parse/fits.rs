@@ -82,6 +82,7 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
         options: RiskAwareOptions {
             normalise: raw.normalise.unwrap_or(defaults.options.normalise),
             zero: raw.zero,
+            weighting_function: defaults.options.weighting_function,
         },
         priors: Priors {
             alpha: share("alpha", raw.priors.alpha)?,
@@ -90,6 +91,8 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
             delta: share("delta", raw.priors.delta)?,
             lambda: scale("lambda", raw.priors.lambda)?,
             tau: scale("tau", raw.priors.tau)?,
+            eta_gain: scale("eta_gain", raw.priors.eta_gain)?,
+            eta_loss: scale("eta_loss", raw.priors.eta_loss)?,
         },
     })
 }

@@ -54,7 +54,7 @@ pub(super) struct Request {
 #[derive(Serialize)]
 struct FromParameters {
     model: &'static str,
-    /// Those of the study's own fits.
+    /// Those of the study's own fits, but for what the model asks for.
     options: RiskAwareOptions,
     probabilities: OrderedMap<f64>,
     utilities: OrderedMap<f64>,
@@ -100,7 +100,7 @@ pub(super) async fn predict(
             )
             .into());
         }
-        let (problem, options) = (request.problem, served.fit().options);
+        let (problem, options) = (request.problem, model.options(served.fit().options));
         let answer =
             computed(move || from_parameters(&problem, model, &parameters, options)).await??;
         return Ok(Json(answer).into_response());

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::{
     inference::wilson_interval,
     jobs::{FitReport, PartFit, PartState, QuestionCounts, Snapshot},
-    model::{MODELS, OrderedMap},
+    model::{OrderedMap, PAPER_MODELS},
     study::{Cell, Factor},
     web::results::verdict::Verdict,
 };
@@ -308,7 +308,7 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
                 }
             })
             .collect(),
-        predicted: MODELS
+        predicted: PAPER_MODELS
             .iter()
             .map(|model| (model.id.to_owned(), predicted(snapshot, cell, model.id)))
             .collect(),
