@@ -12,14 +12,17 @@
 
 pub mod accuracy;
 mod choice_data;
+mod coordinate;
 pub mod curves;
 pub mod diagnostics;
 mod draws;
 mod fit;
 pub mod lanes;
 mod likelihood;
+mod ln_posterior;
 mod maximum_likelihood;
 pub mod optimum;
+mod parameter_space;
 mod posterior;
 mod prediction;
 mod priors;
@@ -33,8 +36,9 @@ mod utility_table;
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
 pub use fit::{Fit, FitError, FitSettings, Progress, WarmStart, fit, refit, uninterrupted};
+pub use ln_posterior::LnPosterior;
 pub use maximum_likelihood::MaximumLikelihood;
-pub use posterior::LnPosterior;
+
 pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
