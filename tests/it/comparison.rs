@@ -6,8 +6,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 use riskaware::inference::comparison::{
-    Comparison, ComparisonProgress, ComparisonSettings, KnownFit, Pair, PlanData, Unit,
-    compare_models,
+    Comparison, ComparisonProgress, ComparisonSettings, DRIVING_HYPOTHESIS, KnownFit, Leaning,
+    Outcome, Pair, PlanData, Unit, Verdict, compare_models,
 };
 use riskaware::inference::{
     ChoiceData, FitError, FitSettings, FittedProblem, Group, fit, predict_from_draws, uninterrupted,
@@ -180,6 +180,68 @@ fn the_model_that_made_the_answers_is_favoured() {
             assert_eq!(factor.common_sign(), Some(sign));
         }
     }
+}
+
+/// People who weigh probabilities as prospect theory says: every criterion and the ladder speak for the richer model.
+#[test]
+fn a_full_comparison_reaches_a_verdict() {
+    let mut many = problems();
+    for (index, (gain, sure)) in [(90.0, 20.0), (60.0, 25.0), (200.0, 4.0)]
+        .iter()
+        .enumerate()
+    {
+        let probability = [0.3, 0.6, 0.01][index];
+        let risky = [(probability, *gain), (1.0 - probability, 0.0)];
+        many.push(problem(
+            &format!("more {index}"),
+            &[("safe", &[(1.0, *sure)]), ("risky", &risky)],
+        ));
+    }
+    let data = simulated(&many, &prospect_chooser(), 150, 11);
+    let plan = PlanData::whole(&data, Unit::Participant);
+    let found = compare_models(
+        &plan,
+        &[&NOISY_RATIONAL, &RISK_AWARE],
+        &FitSettings::default(),
+        &[],
+        &ComparisonSettings::full(1),
+        &mut undisturbed,
+    )
+    .unwrap();
+
+    let held_out = found.held_out.as_ref().unwrap();
+    assert_eq!((held_out.problems.len(), held_out.n), (7, 1050));
+    let names: Vec<&str> = held_out.scores.iter().map(|(name, _)| name).collect();
+    assert_eq!(
+        names,
+        ["random", "observed_share", "noisy_rational", "risk_aware"]
+    );
+    for cell in &held_out.problems {
+        for (_, prediction) in cell.predictions.iter() {
+            let sum: f64 = prediction.as_ref().unwrap().predicted.iter().sum();
+            assert!((sum - 1.0).abs() < 1e-9);
+        }
+    }
+    let random = held_out.scores.get("random").unwrap().unwrap();
+    assert!((random.per_answer - 0.5_f64.ln()).abs() < 1e-12);
+
+    let ids: Vec<&str> = found.ladder.iter().map(|step| step.id.as_str()).collect();
+    assert_eq!(ids, ["random", "noisy_rational", "risk_aware"]);
+    let gain: f64 = found.ladder[1..]
+        .iter()
+        .map(|step| step.units.unwrap().gain.unwrap().value)
+        .sum();
+    let total = found.ladder[2].units.unwrap().score - found.ladder[0].units.unwrap().score;
+    assert!((gain - total).abs() < 1e-9);
+
+    let verdict = Verdict::of(&DRIVING_HYPOTHESIS, &found).unwrap();
+    assert_eq!(verdict.criteria.len(), 3);
+    for criterion in &verdict.criteria[1..] {
+        assert_eq!(criterion.leaning, Leaning::For, "{}", verdict.line);
+    }
+    assert_ne!(verdict.outcome, Outcome::NotSupported);
+    let json = serde_json::to_string(&found).unwrap();
+    assert_eq!(serde_json::from_str::<Comparison>(&json).unwrap(), found);
 }
 
 /// The same people in another order, with problems in another order, score the same.

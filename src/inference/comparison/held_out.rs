@@ -448,12 +448,15 @@ mod tests {
     #[test]
     fn folds_hold_each_problem_once_and_spread_each_kind() {
         let names: Vec<String> = (0..25).map(|index| format!("p{index}")).collect();
-        let actions: [&[(&str, &[(f64, f64)])]; 2] =
-            [&[("a", SURE), ("b", RISKY)], &[("a", SURE), ("b", LOSS)]];
+        let gains: &[(&str, &[(f64, f64)])] = &[("a", SURE), ("b", RISKY)];
+        let mixed: &[(&str, &[(f64, f64)])] = &[("a", SURE), ("b", LOSS)];
         let cells: Vec<_> = names
             .iter()
             .enumerate()
-            .map(|(index, name)| (name.as_str(), actions[index % 2], &[1, 1][..]))
+            .map(|(index, name)| {
+                let actions = if index % 2 == 0 { gains } else { mixed };
+                (name.as_str(), actions, &[1, 1][..])
+            })
             .collect();
         let problems = data(&cells).problems().to_vec();
         let drawn = |seed| {

@@ -26,6 +26,9 @@ impl From<Fit> for PartFit {
     }
 }
 
+/// Takes a predictor over a block of problems, the position of the first, and a column over draws for each action.
+type Visit<'a> = dyn FnMut(&Predictor, usize, &[Vec<f64>]) + 'a;
+
 impl PartFit {
     /// What another fit of the same kind is made with. Of its draws nothing but the posterior is used, so two
     /// independent samples are enough.
@@ -42,13 +45,8 @@ impl PartFit {
         }
     }
 
-    /// Hands over ln P(a | draw) for the problems, block after block: a predictor over the block, the position of its first
-    /// problem, and a column over draws for each action. NaN where decision weights vanish.
-    fn by_block(
-        &self,
-        problems: &[FittedProblem],
-        visit: &mut dyn FnMut(&Predictor, usize, &[Vec<f64>]),
-    ) {
+    /// Hands over ln P(a | draw) for the problems, block after block. NaN where decision weights vanish.
+    fn by_block(&self, problems: &[FittedProblem], visit: &mut Visit<'_>) {
         // All columns of many thousand problems would not fit into memory.
         const BLOCK: usize = 256;
         for (place, block) in problems.chunks(BLOCK).enumerate() {
