@@ -79,7 +79,8 @@ impl Source {
     }
 }
 
-fn read_study(wanted: &str) -> anyhow::Result<Study> {
+/// The built-in study of this id, or the one in a file whose name ends in `.toml`.
+pub(super) fn read_study(wanted: &str) -> anyhow::Result<Study> {
     if wanted.ends_with(".toml") {
         let text =
             std::fs::read_to_string(wanted).with_context(|| format!("cannot read {wanted}"))?;
@@ -104,7 +105,7 @@ fn read_study(wanted: &str) -> anyhow::Result<Study> {
 }
 
 /// The problems of the cells that are fitted, under the cells' ids.
-fn fitted_problems(study: &Study) -> Vec<FittedProblem> {
+pub(super) fn fitted_problems(study: &Study) -> Vec<FittedProblem> {
     let fitted = study.cells().iter().filter(|cell| cell.fitted);
     fitted
         .filter_map(|cell| {

@@ -7,6 +7,7 @@
 //! * `fit_input`: what a fit depends on, its hash and its seed;
 //! * [`FitReport`]: what is stored of a fit;
 //! * [`refit`], [`closing`]: the two background tasks;
+//! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest.
 //!
 //! Every fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
@@ -20,12 +21,16 @@ mod fit_report;
 pub mod refit;
 mod snapshot;
 mod snapshot_cache;
+mod sweep_problems;
+mod sweeps;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
 pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use snapshot::{PartFit, PartState, Snapshot, Version};
+pub use sweep_problems::{SweptProblem, swept_problems};
+pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
 
 use std::sync::Arc;
 

@@ -134,6 +134,50 @@ fn rows_counts_and_columns_in_any_order_are_one() {
     assert_eq!(counts["left_out"].as_u64(), Some(0));
 }
 
+/// A coin flip for gain and loss, chosen by one and declined by another.
+const MIXED: &str = r#"{"small":{"flip":[[0.5,20],[0.5,-10]],"pass":[[1,0]]},
+"large":{"flip":[[0.5,400],[0.5,-200]],"pass":[[1,0]]},
+"sure":{"flip":[[0.5,100],[0.5,0]],"take":[[1,40]]}}"#;
+
+#[test]
+fn notes_stand_below_each_model_and_in_the_json() {
+    let losses = Files::new(PROBLEMS, COUNTED);
+    let table = stdout(&losses.fit(&["--weighting-floor", "0.05"]));
+    for expected in [
+        "Note: All rewards here are losses or nothing. So α (curvature of gains) cannot be learned at all",
+        "learned only as their product λ·θ",
+        "of the posterior of δ (24 % of its prior) lies under 0.28",
+        "the paper’s wide range, here Uniform(0.05, 1)",
+    ] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+
+    let choices = "problem,action,count\nsmall,flip,9\nsmall,pass,21\nlarge,flip,6\nlarge,pass,24\nsure,flip,11\nsure,take,19\n";
+    let mixed = Files::new(MIXED, choices);
+    let models = ["--models", "risk_aware,cumulative_prospect"];
+    let table = stdout(&mixed.fit(&models));
+    for expected in ["at 10 ", "at 40 ", "at 400 ", "in CPT, α = β"] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+    let output = mixed.fit(&[models[0], models[1], "--json"]);
+    let found: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let [aware, one_curvature] =
+        ["risk_aware", "cumulative_prospect"].map(|model| &found["models"][model]);
+    let amounts = aware["loss_aversion"].as_array().unwrap();
+    assert_eq!(amounts[1]["amount"], 40.0);
+    assert!(amounts[1]["q5"].as_f64() < amounts[1]["q95"].as_f64());
+    assert!(one_curvature["loss_aversion"].is_null());
+    let kinds = |fit: &Value| -> Vec<String> {
+        let notes = fit["notes"].as_array().unwrap();
+        notes
+            .iter()
+            .map(|note| note["kind"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    assert!(kinds(aware).contains(&"loss_aversion_varies".to_owned()));
+    assert!(!kinds(one_curvature).contains(&"loss_aversion_varies".to_owned()));
+}
+
 #[test]
 fn people_get_a_table() {
     let output = Files::new(PROBLEMS, COUNTED).fit(&[

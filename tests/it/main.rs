@@ -3,7 +3,9 @@
 mod api;
 mod app;
 mod architecture;
+mod calibrate;
 mod catalogue;
+mod comparison;
 mod crash;
 mod crowd;
 mod fit;
@@ -11,6 +13,7 @@ mod fit_command;
 mod fit_files;
 mod predict;
 mod program;
+mod recover;
 mod refit;
 mod results;
 mod simulation;
