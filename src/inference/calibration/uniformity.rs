@@ -154,7 +154,8 @@ impl UniformRanks {
             for (offset, weight) in here.iter().enumerate() {
                 let from = first + offset;
                 if *weight > 0.0 {
-                    for to in low.max(from)..=high {
+                    let (least, most) = self.likely_steps(from, share);
+                    for to in low.max(from + least)..=high.min(from + most) {
                         next[to - low] +=
                             weight * self.binomial(self.size - from, to - from, share);
                     }
@@ -163,6 +164,15 @@ impl UniformRanks {
             (first, here) = (low, next);
         }
         here.iter().sum()
+    }
+
+    /// Steps from a count, outside of which less than 1e-20 of the probability lies: for many ranks nearly all do.
+    fn likely_steps(&self, from: usize, share: f64) -> (usize, usize) {
+        let left = (self.size - from) as f64;
+        let mean = left * share;
+        let reach = 12.0 * (mean * (1.0 - share)).sqrt() + 24.0;
+        // The conversion takes what is below 0 as 0.
+        ((mean - reach) as usize, (mean + reach).ceil().min(left) as usize)
     }
 
     /// P(X = k) for X ~ Binomial(n, p), n at most the number of ranks.
