@@ -75,7 +75,13 @@ async fn a_sweep_is_on_its_way_until_it_is_ready_and_the_page_shows_it() {
     let observed = gap["observed"].as_array().unwrap();
     assert_eq!(observed.len(), 12);
     assert!(observed.iter().all(|row| row["share"].is_null()));
-    assert_eq!(observed.iter().filter(|row| row["baseline"] == true).count(), 4);
+    assert_eq!(
+        observed
+            .iter()
+            .filter(|row| row["baseline"] == true)
+            .count(),
+        4
+    );
 
     let page = app
         .get("/results/driving/sweep?cell=explicit/timed/high&n=3&seeds=1&steps=2")
@@ -85,7 +91,10 @@ async fn a_sweep_is_on_its_way_until_it_is_ready_and_the_page_shows_it() {
         let selector = Selector::parse(&format!("[data-figure={figure}] tbody tr")).unwrap();
         Html::parse_document(&page.html).select(&selector).count()
     };
-    assert_eq!((rows("sweep"), rows("gap_sweep"), rows("optimal")), (4, 4, 12));
+    assert_eq!(
+        (rows("sweep"), rows("gap_sweep"), rows("optimal")),
+        (4, 4, 12)
+    );
     let results = app.get("/results/driving").await;
     assert!(results.html.contains("/results/driving/sweep"));
     app.stop().await;
@@ -124,8 +133,18 @@ async fn what_cannot_be_swept_is_told() {
 fn the_command_does_not_depend_on_threads() {
     let run = |threads: &str| {
         let output = riskaware()
-            .args(["sweep", "--cell", "explicit/timed/high", "--n", "2", "--seeds", "2", "--json"])
-            .env("RAYON_NUM_THREADS", threads)
+            .args([
+                "sweep",
+                "--cell",
+                "explicit/timed/high",
+                "--n",
+                "2",
+                "--seeds",
+                "2",
+                "--json",
+                "--threads",
+                threads,
+            ])
             .output()
             .unwrap();
         assert!(output.status.success(), "{output:?}");
@@ -148,7 +167,16 @@ fn a_file_of_problems_is_swept_and_drawn() {
     .unwrap();
     let drawing = folder.path().join("gap.svg");
     let output = riskaware()
-        .args(["sweep", "--gap", "stable:20=10..30", "--steps", "2", "--seeds", "1", "--csv"])
+        .args([
+            "sweep",
+            "--gap",
+            "stable:20=10..30",
+            "--steps",
+            "2",
+            "--seeds",
+            "1",
+            "--csv",
+        ])
         .arg("--problems")
         .arg(&problems)
         .arg("--svg")
@@ -160,5 +188,9 @@ fn a_file_of_problems_is_swept_and_drawn() {
     // A head, and two models at two values.
     assert_eq!(text.lines().count(), 5, "{text}");
     assert!(text.contains("cups,stable,10,-11,25:5,"), "{text}");
-    assert!(std::fs::read_to_string(drawing).unwrap().starts_with("<svg"));
+    assert!(
+        std::fs::read_to_string(drawing)
+            .unwrap()
+            .starts_with("<svg")
+    );
 }

@@ -26,6 +26,7 @@ use axum::{
 use tokio_util::sync::CancellationToken;
 
 pub use self::report::FitReportPage;
+use self::sweep_page::{PageQuery, SweepPage};
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
@@ -33,7 +34,6 @@ pub(super) use self::{
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
-use self::sweep_page::{PageQuery, SweepPage};
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
     inference::sweep::DEFAULT_ANSWERS,

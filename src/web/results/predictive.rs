@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::{
     format::{count, decimal, percent, percents},
-    table::{Align, Cell, Table},
+    table::{Align, Table},
 };
 use crate::{
     inference::predictive_check::PredictiveCheck,
@@ -69,7 +69,9 @@ pub(super) fn table(rows: &[CheckRow]) -> Table {
             for action in &check.actions {
                 table.row([
                     row.label.clone(),
-                    model_named(model).map_or(model, |model| model.label).to_owned(),
+                    model_named(model)
+                        .map_or(model, |model| model.label)
+                        .to_owned(),
                     action.action.clone(),
                     count(check.n),
                     percent(Some(action.observed)),

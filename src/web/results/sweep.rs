@@ -11,7 +11,9 @@ use crate::{
         },
         wilson_interval,
     },
-    jobs::{Snapshot, SweepInput, SweepResult, SweepState, SweptProblem, fit_settings, swept_problems},
+    jobs::{
+        Snapshot, SweepInput, SweepResult, SweepState, SweptProblem, fit_settings, swept_problems,
+    },
     model::{ChoiceModel, ChoiceProblem, OrderedMap, PAPER_MODELS, model_named},
     study::{CellId, Study},
     web::Error,
@@ -91,7 +93,11 @@ pub(in crate::web) struct Sweep {
 #[serde(tag = "state", rename_all = "snake_case")]
 pub(in crate::web) enum Outcome {
     /// Fits that are done, of how many, and sweeps that come first.
-    Running { done: usize, of: usize, ahead: usize },
+    Running {
+        done: usize,
+        of: usize,
+        ahead: usize,
+    },
     /// All numbers.
     Ready { result: std::sync::Arc<SweepResult> },
 }
@@ -139,8 +145,7 @@ impl Wanted {
                 command.push_str(&format!(" {option} {value}"));
             }
         }
-        let sweep =
-            ShareSweep::new(problem, query.action.as_deref(), n).map_err(unprocessable)?;
+        let sweep = ShareSweep::new(problem, query.action.as_deref(), n).map_err(unprocessable)?;
         let models = models(query.models.as_deref())?;
         let input = SweepInput::share(sweep, models, seeds, fit_settings(study, SEED))
             .map_err(unprocessable)?;
@@ -158,7 +163,12 @@ impl Wanted {
         let study = &snapshot.study;
         let steps = within("steps", query.steps.unwrap_or(DEFAULT_STEPS), 2, MOST_STEPS)?;
         let seeds = within("seeds", query.seeds.unwrap_or(DEFAULT_SEEDS), 1, MOST_SEEDS)?;
-        let n = within("n", query.n.unwrap_or(DEFAULT_ANSWERS), 2, MOST_ANSWERS_OF_GAPS)?;
+        let n = within(
+            "n",
+            query.n.unwrap_or(DEFAULT_ANSWERS),
+            2,
+            MOST_ANSWERS_OF_GAPS,
+        )?;
         let count = query.count.unwrap_or(n * 5 / 6);
         let swept = chosen(study, query.cell.as_ref())?;
         let problems: Vec<FittedProblem> =
@@ -196,8 +206,7 @@ impl Wanted {
                 (Pattern::Held { action, count, n }, Some(command))
             }
         };
-        let sweep =
-            GapSweep::new(&problems, variation, steps, &pattern).map_err(unprocessable)?;
+        let sweep = GapSweep::new(&problems, variation, steps, &pattern).map_err(unprocessable)?;
         let models = models(query.models.as_deref())?;
         let input = SweepInput::gap(sweep, models, seeds, fit_settings(study, SEED))
             .map_err(unprocessable)?;
@@ -217,7 +226,9 @@ impl Wanted {
             SweepState::Ready(result) => Outcome::Ready { result },
             SweepState::Full => return Err(Error::Busy),
             SweepState::Failed(message) => {
-                return Err(Error::Internal(anyhow::anyhow!("a sweep failed: {message}")));
+                return Err(Error::Internal(anyhow::anyhow!(
+                    "a sweep failed: {message}"
+                )));
             }
         };
         Ok(Sweep {
@@ -336,19 +347,20 @@ fn observed(snapshot: &Snapshot) -> Vec<ObservedRow> {
             let row = row(cell.id.to_string(), &cell.label, problem, &counts.actions);
             Some(row)
         });
-    let baseline = study
-        .baseline()
-        .iter()
-        .zip(&snapshot.counts.baseline)
-        .map(|(question, counts)| ObservedRow {
-            baseline: true,
-            ..row(
-                question.question.to_string(),
-                &question.label,
-                &question.problem,
-                &counts.actions,
-            )
-        });
+    let baseline =
+        study
+            .baseline()
+            .iter()
+            .zip(&snapshot.counts.baseline)
+            .map(|(question, counts)| ObservedRow {
+                baseline: true,
+                ..row(
+                    question.question.to_string(),
+                    &question.label,
+                    &question.problem,
+                    &counts.actions,
+                )
+            });
     cells.chain(baseline).collect()
 }
 

@@ -62,7 +62,13 @@ pub(super) struct PageQuery {
 }
 
 impl SweepPage {
-    pub(super) fn new(snapshot: &Snapshot, query: &PageQuery, n: u64, share: &Sweep, gap: &Sweep) -> Self {
+    pub(super) fn new(
+        snapshot: &Snapshot,
+        query: &PageQuery,
+        n: u64,
+        share: &Sweep,
+        gap: &Sweep,
+    ) -> Self {
         let study = &snapshot.study;
         let unit = study.reward_unit();
         let mut share_query = format!("n={n}");
@@ -130,13 +136,7 @@ impl SweepPage {
                 plan: None,
                 caption: format!(
                     "n = {} answers · data version {}",
-                    count(
-                        gap.observed
-                            .iter()
-                            .flatten()
-                            .map(|row| row.n)
-                            .sum::<u64>()
-                    ),
+                    count(gap.observed.iter().flatten().map(|row| row.n).sum::<u64>()),
                     snapshot.version.data_version
                 ),
                 table: optimal_table(gap.observed.as_deref().unwrap_or_default(), unit),
@@ -161,7 +161,9 @@ fn caption(sweep: &Sweep) -> String {
                     &report.head,
                     format!("Simulated answers, n = {} at each point", report.n),
                 ),
-                SweepResult::Gap(report) => (&report.head, format!("Simulated answers, {}", report.vary)),
+                SweepResult::Gap(report) => {
+                    (&report.head, format!("Simulated answers, {}", report.vary))
+                }
             };
             format!(
                 "{what} · {} seeds from {} · {} draws each",
