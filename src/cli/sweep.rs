@@ -7,6 +7,7 @@ use anyhow::{Context, bail, ensure};
 use rayon::prelude::*;
 
 use super::choice_files::read_problems;
+use super::fit_source::read_study;
 use super::parallel::{pool, progress_bar};
 use super::{sweep_drawing, sweep_text};
 use crate::inference::sweep::{
@@ -18,7 +19,6 @@ use crate::inference::{
 };
 use crate::jobs::{fit_settings, swept_problems};
 use crate::model::{ChoiceModel, PAPER_MODELS, model_named};
-use crate::study::{Study, built_in};
 
 /// What stands for "the default" where `--gap` has no value.
 const DEFAULT_GAP: &str = "";
@@ -217,7 +217,7 @@ fn of_file(
 }
 
 fn of_study(arguments: &Arguments) -> anyhow::Result<(Vec<FittedProblem>, FitSettings)> {
-    let study = study(&arguments.study)?;
+    let study = read_study(&arguments.study)?;
     let settings = fit_settings(&study, arguments.seed);
     let swept = swept_problems(&study);
     let Some(id) = &arguments.cell else {
@@ -253,19 +253,6 @@ fn of_study(arguments: &Arguments) -> anyhow::Result<(Vec<FittedProblem>, FitSet
             )
         }
     }
-}
-
-/// A built-in study by its id, or the study of a file.
-fn study(name: &str) -> anyhow::Result<Study> {
-    for (file, text) in built_in() {
-        if Path::new(file).file_stem().is_some_and(|stem| stem == name) {
-            return Ok(Study::parse(file, text)?);
-        }
-    }
-    let text = std::fs::read_to_string(name).with_context(|| {
-        format!("`{name}` is neither a built-in study nor a study file that can be read")
-    })?;
-    Ok(Study::parse(name, &text)?)
 }
 
 fn model(text: &str) -> Result<&'static ChoiceModel, String> {

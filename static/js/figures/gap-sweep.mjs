@@ -104,7 +104,7 @@ function drawPanel(summary, result, labels, held, width, palette) {
     height,
     marginLeft: 50,
     marginRight: 24,
-    marginTop: 16,
+    marginTop: 30,
     marginBottom: 46,
     y: { nice: true },
     marks: [

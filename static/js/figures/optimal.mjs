@@ -55,7 +55,7 @@ export const optimal = {
 };
 
 function drawPanel(summary, rows, width, palette) {
-  const margins = { marginLeft: 50, marginRight: 24, marginTop: 16, marginBottom: 46 };
+  const margins = { marginLeft: 50, marginRight: 24, marginTop: 30, marginBottom: 46 };
   const right = Math.max(...rows.map((row) => row.gap)) * 1.08 || 1;
   const unitsPerPixel = right / (width - margins.marginLeft - margins.marginRight);
   const groups = Map.groupBy([...rows], (row) => rounded(row.gap));

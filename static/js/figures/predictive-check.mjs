@@ -96,7 +96,7 @@ function drawPanel(model, rows, width, palette) {
   return Plot.plot({
     width,
     height: height + bottom,
-    marginLeft: 8,
+    marginLeft: 16,
     marginRight: 76,
     marginTop: 0,
     marginBottom: bottom,
@@ -108,7 +108,7 @@ function drawPanel(model, rows, width, palette) {
       Plot.link(placed, { x1: "q5", x2: "q95", y1: "y", y2: "y", stroke: color, strokeWidth: 2, strokeDasharray: style.dash }),
       Plot.link(placed, { x1: "q25", x2: "q75", y1: "y", y2: "y", stroke: color, strokeWidth: 8, strokeOpacity: 0.45 }),
       Plot.dot(placed, { x: "observed", y: "y", r: 4.5, fill: palette.observed, stroke: palette.paper, strokeWidth: 1 }),
-      Plot.text(placed, { frameAnchor: "left", dx: -8, y: "head", textAnchor: "start", text: "text", fill: palette.ink, stroke: palette.paper, strokeWidth: 4 }),
+      Plot.text(placed, { frameAnchor: "left", dx: -16, y: "head", textAnchor: "start", text: "text", fill: palette.ink, stroke: palette.paper, strokeWidth: 4 }),
       Plot.text(placed, { frameAnchor: "right", dx: 74, y: "y", textAnchor: "end", text: (d) => `p = ${decimal(d.p)}`, fill: palette.ink, fontVariant: "tabular-nums" }),
     ],
   });

@@ -95,7 +95,7 @@ function drawPanel(result, name, width, palette, id) {
     );
     const last = inner.at(-1);
     if (last) {
-      marks.push(Plot.text([last], { x: "share", y: "mean", dx: 18, text: () => style.shortName, textAnchor: "start", lineAnchor: "middle", lineHeight: 1.15, fill: color, fontWeight: 600 }));
+      marks.push(Plot.text([last], { x: () => 1, y: "mean", dx: 12, text: () => style.shortName, textAnchor: "start", lineAnchor: "middle", lineHeight: 1.15, fill: color, fontWeight: 600 }));
     }
   }
   const plot = Plot.plot({
