@@ -1,13 +1,28 @@
 import { accuracy } from "./figures/accuracy.mjs";
 import { actions } from "./figures/actions.mjs";
 import { Figure } from "./figures/figure.mjs";
+import { gapSweep } from "./figures/gap-sweep.mjs";
+import { optimal } from "./figures/optimal.mjs";
+import { predictiveCheck } from "./figures/predictive-check.mjs";
+import { sweep } from "./figures/sweep.mjs";
 import { showTable } from "./figures/table-view.mjs";
 import { tables } from "./figures/tables.mjs";
 import { value, valueShape } from "./figures/value.mjs";
 import { weightOfRisk } from "./figures/weight-of-risk.mjs";
 import { weighting } from "./figures/weighting.mjs";
 
-const kinds = { actions, weighting, weight_of_risk: weightOfRisk, value, value_shape: valueShape, accuracy };
+const kinds = {
+  actions,
+  weighting,
+  weight_of_risk: weightOfRisk,
+  value,
+  value_shape: valueShape,
+  accuracy,
+  predictive_check: predictiveCheck,
+  sweep,
+  gap_sweep: gapSweep,
+  optimal,
+};
 
 /** All figures and live tables below `root`; a figure that fails leaves the others alone. */
 export class Figures {

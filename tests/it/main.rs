@@ -20,3 +20,4 @@ mod simulation;
 mod store;
 mod study;
 mod survey;
+mod sweep;

@@ -7,7 +7,7 @@ use super::{
     Accuracy, Curves, Summary,
     curves::{PartCurves, Series},
     format::{count, decimal, interval, percent},
-    page_tables as tables,
+    page_tables as tables, predictive,
     table::{Align, Cell, Table},
 };
 use crate::{
@@ -49,6 +49,7 @@ struct Figures {
     value: Figure,
     value_shape: Figure,
     accuracy: Figure,
+    predictive: Figure,
 }
 
 /// A figure that a script draws, with the table that holds its numbers.
@@ -227,6 +228,14 @@ fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) 
                 accuracy.plan_label, accuracy.samples
             ),
             table: tables::ln_kl(accuracy),
+        },
+        predictive: Figure {
+            kind: "predictive_check",
+            title: "Would people who choose so leave such answers?",
+            subtitle: "Dots: what was chosen. Bars: 50 % and 90 % of what as many people would choose if the model were right, over draws of its fit. p: how often they would choose it more (ties half); near 0 or 1 the model misses. The fit saw these answers, so a middling p says little.",
+            plan: None,
+            caption: format!("{source} · fit: {}", accuracy.plan_label),
+            table: predictive::table(&accuracy.checks),
         },
     }
 }

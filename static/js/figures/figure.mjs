@@ -66,7 +66,7 @@ export class Figure {
     this.draw();
     const content = this.kind.table(data, this);
     showTable(this.tableFrame, content);
-    this.captionLine.textContent = caption(this.kind, data, this.plan);
+    this.captionLine.textContent = this.kind.caption ? this.kind.caption(data) : caption(this.kind, data, this.plan);
     for (const button of this.buttons) button.disabled = !this.drawn;
   }
 
