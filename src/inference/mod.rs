@@ -6,12 +6,14 @@
 //! * machinery that knows no model: [`sampler`] (with its [`LogDensity`](sampler::LogDensity)), [`optimum`] and
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
-//! * what is read off it: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
+//! * [`comparison`]: which of several models predicts better;
+//! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
 
 pub mod accuracy;
 mod choice_data;
+pub mod comparison;
 pub mod curves;
 pub mod diagnostics;
 mod draws;

@@ -4,6 +4,7 @@ mod api;
 mod app;
 mod architecture;
 mod catalogue;
+mod comparison;
 mod crash;
 mod crowd;
 mod fit;
