@@ -7,6 +7,7 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
+//! * [`sequential`]: how the evidence grew, and when it was enough;
 //! * what is read off a fit: [`accuracy`], [`curves`], [`predict_from_draws`], [`wilson_interval`].
 //!
 //! A fit is a pure function of counts, settings and seed: no clock, no global randomness, no input or output.
@@ -28,6 +29,7 @@ mod proportion;
 mod reference_reward;
 mod sampled;
 pub mod sampler;
+pub mod sequential;
 mod summary;
 mod utility_table;
 
