@@ -8,6 +8,7 @@ use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile, variance};
 use super::likelihood::Predictor;
 use super::maximum_likelihood::{maximum_likelihood, posterior_mode};
+use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
 use super::sampled::{Sampled, sample};
@@ -255,6 +256,8 @@ pub fn fit(
                 .collect(),
         ),
         posterior_mode: mode,
+        loss_aversion: None,
+        notes: Vec::new(),
         log_marginal_likelihood: sampled.ln_evidence,
         log_kl: Some(
             accuracy
@@ -274,7 +277,7 @@ pub fn fit(
         priors: settings.priors,
         options,
     };
-    Ok(Fit {
+    let mut fitted = Fit {
         model,
         settings: settings.clone(),
         reference_reward,
@@ -288,7 +291,9 @@ pub fn fit(
             settings: settings.clone(),
             problems: data.problems().to_vec(),
         },
-    })
+    };
+    annotate(&mut fitted, data);
+    Ok(fitted)
 }
 
 /// Why there is no fit.

@@ -204,7 +204,11 @@ impl Sampled {
         self.ln_predicted[range.start..range.end - 1]
             .iter()
             .filter(|column| column.iter().any(|value| (value - column[0]).abs() > 1e-12))
-            .map(|column| Convergence::of(&self.draws.by_chain(column)))
+            .map(|column| {
+                // R̂ folds the values about their median, so that of ln P would be another one.
+                let probabilities: Vec<f64> = column.iter().map(|ln_p| ln_p.exp()).collect();
+                Convergence::of(&self.draws.by_chain(&probabilities))
+            })
             .reduce(|left, right| Convergence {
                 rhat: if left.rhat.is_nan() {
                     left.rhat

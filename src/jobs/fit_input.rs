@@ -104,7 +104,7 @@ impl FitInput {
             cells,
             model,
             data,
-            settings: settings(study, seed(study.id(), plan, &part.id, model)),
+            settings: fit_settings(study, seed(study.id(), plan, &part.id, model)),
             hash: String::new(),
         };
         input.hash = input.hash_of(study.id());
@@ -186,14 +186,25 @@ fn seed_of(names: &[&str]) -> u64 {
     first >> 11
 }
 
-/// How a study's models are fitted.
-pub(super) fn settings(study: &Study, seed: u64) -> FitSettings {
+/// The settings with which the models are fitted to a study's choices.
+pub fn fit_settings(study: &Study, seed: u64) -> FitSettings {
     let wanted = study.fit();
-    let mut priors = Priors::with_weighting_floor(match wanted.weighting {
+    let priors = Priors::with_weighting_floor(match wanted.weighting {
         study::Weighting::Monotone => WEIGHTING_FLOOR,
         study::Weighting::PaperRange => PAPER_RANGE_FLOOR,
     });
-    let changes = &wanted.priors;
+    FitSettings {
+        priors: changed_priors(priors, &wanted.priors),
+        options: wanted.options,
+        reference_reward: Some(study.reference_reward()),
+        samples: wanted.samples,
+        seed,
+        ..FitSettings::default()
+    }
+}
+
+/// Priors with those replaced that a file names.
+pub fn changed_priors(mut priors: Priors, changes: &study::Priors) -> Priors {
     for (prior, change) in [
         (&mut priors.alpha, changes.alpha),
         (&mut priors.beta, changes.beta),
@@ -212,14 +223,7 @@ pub(super) fn settings(study: &Study, seed: u64) -> FitSettings {
             }
         }
     }
-    FitSettings {
-        priors,
-        options: wanted.options,
-        reference_reward: Some(study.reference_reward()),
-        samples: wanted.samples,
-        seed,
-        ..FitSettings::default()
-    }
+    priors
 }
 
 #[cfg(test)]

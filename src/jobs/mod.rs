@@ -10,6 +10,7 @@
 //!   remembered of them; `quiet`: when a study is idle;
 //! * [`PlanComparison`], [`SequentialEvidence`]: what belongs beside the fits;
 //! * [`refit`], [`evidence`], [`closing`]: the background tasks;
+//! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
 //!   `known_fits` the fits that were read for it.
 //!
@@ -32,13 +33,18 @@ mod quiet;
 pub mod refit;
 mod snapshot;
 mod snapshot_cache;
+mod sweep_problems;
+mod sweeps;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
+pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
 pub use plan_comparison::PlanComparison;
 pub use snapshot::{Blind, PartFit, PartState, Snapshot, Version};
+pub use sweep_problems::{SweptProblem, swept_problems};
+pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
 
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
-use super::{FactorId, LevelId, PartId, PlanId};
+use super::{FactorId, LevelId, ParseError, PartId, PlanId, parse};
 use crate::model::{ChoiceModel, PAPER_MODELS, RiskAwareOptions};
 
 /// A way to split the fitted cells: each part gets its own fit.
@@ -82,6 +82,17 @@ pub struct Priors {
     pub eta_loss: Option<PriorChange>,
 }
 
+impl Priors {
+    /// Parses a file of priors alone, with the keys that `[fit.priors]` has in a study file. `file_name` only serves
+    /// error messages.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
+    pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::priors(file_name, text)
+    }
+}
+
 /// The prior of one parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PriorChange {
@@ -129,4 +140,54 @@ pub struct MeanSd {
     pub mean: f64,
     /// The standard deviation.
     pub sd: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_priors_has_the_keys_of_a_study_file() {
+        let text =
+            "gamma = { uniform = [0.05, 1] }\ntau = { log_normal = { median = 2, log_sd = 3 } }\n";
+        let read = Priors::parse("mine.toml", text).unwrap();
+        let gamma = PriorChange::Uniform {
+            low: 0.05,
+            high: 1.0,
+        };
+        let tau = PriorChange::LogNormal {
+            median: 2.0,
+            log_sd: 3.0,
+        };
+        let expected = Priors {
+            gamma: Some(gamma),
+            tau: Some(tau),
+            ..Priors::default()
+        };
+        assert_eq!(read, expected);
+    }
+
+    #[track_caller]
+    fn check_refused(text: &str, expected: &str) {
+        let error = Priors::parse("mine.toml", text).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+    }
+
+    #[test]
+    fn what_is_wrong_with_priors_is_told_with_its_line() {
+        check_refused(
+            "alpha = { uniform = [0, 1] }\ngama = { uniform = [0, 1] }\n",
+            "mine.toml, line 2, gama: found unknown key `gama`, did you mean `gamma`?; allowed: one of `alpha`, `beta`, \
+             `gamma`, `delta`, `lambda`, `tau`",
+        );
+        check_refused(
+            "\nbeta = { uniform = [0.5, 1.5] }\n",
+            "mine.toml, line 2, beta.uniform: found [0.5, 1.5]; allowed: two numbers from 0 to 1, the smaller first",
+        );
+        check_refused(
+            "alpha = { log_normal = { median = 1, log_sd = 1 } }\n",
+            "mine.toml, line 1, alpha: found `log_normal` for a parameter that lies between 0 and 1; allowed: \
+             `uniform = [a, b]`",
+        );
+    }
 }

@@ -4,7 +4,7 @@ use super::design::Design;
 use super::rules;
 use crate::model::{ChoiceModel, MODELS, RiskAwareOptions, model_named};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
-use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawWeighting};
+use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting};
 use crate::study::{
     Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId, PlanPart,
     PriorChange, Priors, Weighting,
@@ -74,9 +74,6 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
         Some(names) => models(names, &at.key("models"))?,
         None => defaults.models,
     };
-    let at = at.key("priors");
-    let share = |name: &str, raw: Option<RawPrior>| prior(raw, true, &at.key(name));
-    let scale = |name: &str, raw: Option<RawPrior>| prior(raw, false, &at.key(name));
     Ok(FitSettings {
         models,
         samples,
@@ -89,16 +86,23 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
             zero: raw.zero,
             weighting_function: defaults.options.weighting_function,
         },
-        priors: Priors {
-            alpha: share("alpha", raw.priors.alpha)?,
-            beta: share("beta", raw.priors.beta)?,
-            gamma: share("gamma", raw.priors.gamma)?,
-            delta: share("delta", raw.priors.delta)?,
-            lambda: scale("lambda", raw.priors.lambda)?,
-            tau: scale("tau", raw.priors.tau)?,
-            eta_gain: scale("eta_gain", raw.priors.eta_gain)?,
-            eta_loss: scale("eta_loss", raw.priors.eta_loss)?,
-        },
+        priors: priors(&raw.priors, &at.key("priors"))?,
+    })
+}
+
+/// The priors of the table at `at`.
+pub(super) fn priors(raw: &RawPriors, at: &KeyPath) -> Result<Priors, Fault> {
+    let share = |name: &str, raw: Option<RawPrior>| prior(raw, true, &at.key(name));
+    let scale = |name: &str, raw: Option<RawPrior>| prior(raw, false, &at.key(name));
+    Ok(Priors {
+        alpha: share("alpha", raw.alpha)?,
+        beta: share("beta", raw.beta)?,
+        gamma: share("gamma", raw.gamma)?,
+        delta: share("delta", raw.delta)?,
+        lambda: scale("lambda", raw.lambda)?,
+        tau: scale("tau", raw.tau)?,
+        eta_gain: scale("eta_gain", raw.eta_gain)?,
+        eta_loss: scale("eta_loss", raw.eta_loss)?,
     })
 }
 

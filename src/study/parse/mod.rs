@@ -20,9 +20,9 @@ use self::blocks::Asked;
 use self::design::Design;
 use super::definition::{Completion, CompletionCode, Include, RecruitingIds, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
-use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawStudy};
+use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawPriors, RawStudy};
 use super::template::{Scalar, Scope, Values};
-use super::{ParseError, StudyId};
+use super::{ParseError, Priors, StudyId};
 
 /// The version of the file format that this program reads.
 const FORMAT: i64 = 1;
@@ -96,6 +96,13 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
         plans,
         paper,
     })
+}
+
+/// Parses a file of priors alone.
+pub(super) fn priors(file_name: &str, text: &str) -> Result<Priors, ParseError> {
+    let document = Document::parse(file_name, text)?;
+    let raw: RawPriors = document.read()?;
+    fits::priors(&raw, &KeyPath::root()).map_err(|fault| document.refuse(&fault))
 }
 
 /// The format comes first: a file of another format would only give misleading errors about its keys.

@@ -8,6 +8,7 @@ mod evidence;
 mod format;
 mod page;
 mod page_tables;
+mod report;
 mod summary;
 mod table;
 mod verdict;
@@ -23,6 +24,7 @@ use axum::{
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
+pub use self::report::FitReportPage;
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
