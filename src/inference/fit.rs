@@ -15,7 +15,8 @@ use super::sampled::{Sampled, sample};
 use super::sampler::{LogDensity, Stopped};
 use super::summary::{FitSummary, ParameterSummary, Source};
 use super::{
-    ChoiceData, Draws, PriorError, Priors, Quantity, ReferenceRewardError, default_reference_reward,
+    ChoiceData, Draws, FittedProblem, PriorError, Priors, Quantity, ReferenceRewardError,
+    default_reference_reward,
 };
 use crate::model::{ChoiceModel, OrderedMap, RiskAwareOptions};
 
@@ -115,6 +116,48 @@ pub struct Fit {
     pub accuracy: Vec<CellAccuracy>,
     /// What it says.
     pub summary: FitSummary,
+    /// What [`refit`] needs of it.
+    pub warm_start: WarmStart,
+}
+
+/// What one fit leaves for the next of the same problems: where the posterior was. See [`refit`].
+#[derive(Debug, Clone)]
+pub struct WarmStart {
+    model: &'static ChoiceModel,
+    settings: FitSettings,
+    problems: Vec<FittedProblem>,
+}
+
+impl WarmStart {
+    /// Whether a fit of this model, these problems and these settings may start from here.
+    fn serves(
+        &self,
+        model: &'static ChoiceModel,
+        data: &ChoiceData,
+        settings: &FitSettings,
+    ) -> bool {
+        self.model == model && self.settings == *settings && self.problems == data.problems()
+    }
+}
+
+/// Fits a model to choices that changed since an earlier fit, starting where that one ended.
+///
+/// A warm fit is marked as [`provisional`](FitSummary::provisional): its draws are from the same posterior as a cold
+/// fit's, but depend on the fits before. Where the model, the problems or the settings differ, or where the
+/// warm chains do not converge, it is a cold fit and not provisional.
+///
+/// # Errors
+/// As [`fit`].
+pub fn refit(
+    previous: &WarmStart,
+    model: &'static ChoiceModel,
+    data: &ChoiceData,
+    settings: &FitSettings,
+    watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<Fit, FitError> {
+    let mut refitted = fit(model, data, settings, watch)?;
+    refitted.summary.provisional = previous.serves(model, data, settings);
+    Ok(refitted)
 }
 
 /// How far a fit has come.
@@ -199,6 +242,7 @@ pub fn fit(
     let summary = FitSummary {
         model: model.id.to_owned(),
         converged: sampled.converged,
+        provisional: false,
         parameters: Some(entries(&sampled)),
         max_log_likelihood: Some(highest.ln_likelihood),
         max_likelihood_parameters: Some(
@@ -242,6 +286,11 @@ pub fn fit(
         sample_indices: sampled.sample_indices,
         accuracy,
         summary,
+        warm_start: WarmStart {
+            model,
+            settings: settings.clone(),
+            problems: data.problems().to_vec(),
+        },
     };
     annotate(&mut fitted, data);
     Ok(fitted)

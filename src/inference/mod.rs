@@ -45,7 +45,7 @@ mod utility_table;
 pub use choice_data::{ChoiceData, ChoiceDataError, FittedProblem, Group};
 pub use draws::{Draws, Quantity};
 pub use export::{DrawsExport, ExportError};
-pub use fit::{Fit, FitError, FitSettings, Progress, fit, uninterrupted};
+pub use fit::{Fit, FitError, FitSettings, Progress, WarmStart, fit, refit, uninterrupted};
 pub use maximum_likelihood::MaximumLikelihood;
 pub use notes::{ChainPosition, End, LossAversion, Note, design_note};
 pub use posterior::LnPosterior;

@@ -14,6 +14,9 @@ pub struct FitSummary {
     pub model: String,
     /// Whether every R̂ is under 1.01 and every effective sample size over 400.
     pub converged: bool,
+    /// Whether the chains started from an earlier fit's, so that the draws depend on the fits before.
+    #[serde(default)]
+    pub provisional: bool,
     /// What the data say about the parameters, in the order in which they are reported.
     pub parameters: Option<OrderedMap<ParameterSummary>>,
     /// Highest ln L within the ranges of the parameters, without binomial coefficients.

@@ -8,7 +8,7 @@ use crate::{
     inference::{
         ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR,
     },
-    model::{ChoiceModel, ChoiceProblem, OrderedMap, PAPER_MODELS},
+    model::{ChoiceModel, ChoiceProblem, OrderedMap},
     store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
 };
@@ -47,12 +47,12 @@ struct Canonical<'a> {
 }
 
 impl FitInput {
-    /// Every model with every part of every plan, in file order.
+    /// Every model of the study with every part of every plan, in file order.
     pub(super) fn all(study: &Study, counts: &StudyCounts) -> Vec<Self> {
         let mut inputs = Vec::new();
         for plan in study.plans() {
             for part in &plan.parts {
-                for model in PAPER_MODELS {
+                for model in study.models() {
                     inputs.extend(Self::new(study, &plan.id, part, model, counts));
                 }
             }
@@ -244,7 +244,7 @@ mod tests {
             assert_eq!(before.settings.seed, after.settings.seed);
             moved += usize::from(has_cell);
         }
-        assert_eq!(moved, study.plans().len() * PAPER_MODELS.len());
+        assert_eq!(moved, study.plans().len() * study.models().len());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
 use super::{FactorId, LevelId, ParseError, PartId, PlanId, parse};
-use crate::model::RiskAwareOptions;
+use crate::model::{ChoiceModel, PAPER_MODELS, RiskAwareOptions};
 
 /// A way to split the fitted cells: each part gets its own fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,6 +28,8 @@ pub struct PlanPart {
 /// How the models of a study are fitted (models.md, sections 2 and 4).
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
+    /// The models, each once, in the order in which results name them: from the plainest to the richest. At least one.
+    pub models: Vec<&'static ChoiceModel>,
     /// How many independent posterior samples accuracy is reported over: 30 in the paper.
     pub samples: usize,
     /// The range that the prior of the weighting parameters allows.
@@ -41,6 +43,7 @@ pub struct FitSettings {
 impl Default for FitSettings {
     fn default() -> Self {
         Self {
+            models: PAPER_MODELS.to_vec(),
             samples: 30,
             weighting: Weighting::Monotone,
             options: RiskAwareOptions::default(),

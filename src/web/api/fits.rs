@@ -52,6 +52,8 @@ struct StoredFit {
     part: String,
     model: String,
     state: FitState,
+    /// It started from the fit before it: to be cited is the final one.
+    provisional: bool,
     attempts: u32,
     data_version: i64,
     study_version: i64,
@@ -88,6 +90,7 @@ impl From<&Fit> for StoredFit {
             part: fit.key.part.to_string(),
             model: fit.key.model.clone(),
             state: fit.outcome.state(),
+            provisional: fit.is_provisional,
             attempts: fit.attempts,
             data_version: fit.data_version,
             study_version: fit.version.get(),
