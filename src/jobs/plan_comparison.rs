@@ -207,7 +207,7 @@ impl ComparisonInput {
             &self.models,
             &self.settings,
             known,
-            &ComparisonSettings::FULL,
+            &ComparisonSettings::full(self.settings.seed),
             &mut |_| {
                 if stop.is_cancelled() {
                     ControlFlow::Break(())

@@ -80,4 +80,42 @@ impl PartFit {
         }
         columns
     }
+
+    /// P(a) of each problem's actions, averaged over draws; draws under which decision weights vanish are left out.
+    pub(super) fn mean_probabilities(&self, problems: &[FittedProblem]) -> Vec<Vec<f64>> {
+        self.weighted_probabilities(problems, &vec![1.0; self.draws.len()])
+    }
+
+    /// The same averaged with a weight for each draw.
+    pub(super) fn weighted_probabilities(
+        &self,
+        problems: &[FittedProblem],
+        weights: &[f64],
+    ) -> Vec<Vec<f64>> {
+        let mut predictor = self.predictor(problems);
+        let mut sums: Vec<Vec<f64>> = problems
+            .iter()
+            .map(|problem| vec![0.0; problem.problem.actions().len()])
+            .collect();
+        let mut used = vec![0.0; problems.len()];
+        for (draw, weight) in weights.iter().enumerate() {
+            let ln_p = predictor.ln_probabilities(&self.draws.parameters(draw));
+            for (problem, sums) in sums.iter_mut().enumerate() {
+                let ln_p = &ln_p[predictor.range(problem)];
+                if ln_p.iter().any(|ln_p| ln_p.is_nan()) {
+                    continue;
+                }
+                used[problem] += weight;
+                for (sum, ln_p) in sums.iter_mut().zip(ln_p) {
+                    *sum += weight * ln_p.exp();
+                }
+            }
+        }
+        for (sums, used) in sums.iter_mut().zip(used) {
+            for sum in sums {
+                *sum /= used;
+            }
+        }
+        sums
+    }
 }

@@ -4,10 +4,14 @@ use std::ops::ControlFlow;
 
 use serde::{Deserialize, Serialize};
 
-use super::bayes_factor::{BayesFactor, ln_evidence, sensitivity};
-use super::leave_one_out::{LeaveOneOut, LeaveOneOutDifference, leave_one_out};
+use super::bayes_factor::{BayesFactor, EvidenceRow, ln_evidence, sensitivity};
+use super::bootstrap::{Bootstrap, BootstrapSettings, participant_bootstrap};
+use super::held_out::{Exam, HeldOut, HeldOutSettings};
+use super::ladder::{LadderStep, Rung, ladder};
+use super::leave_one_out::{LeaveOneOut, LeaveOneOutDifference, Scored, leave_one_out};
 use super::plan::{PlanData, Unit};
 use super::pointwise::PartFit;
+use super::score::ScoreDifference;
 use crate::inference::{Estimate, FitError, FitSettings, fit};
 use crate::model::{ChoiceModel, OrderedMap};
 
@@ -26,6 +30,25 @@ pub struct Comparison {
     pub models: OrderedMap<ModelScores>,
     /// Every two models, the later one of the order first.
     pub pairs: Vec<Pair>,
+    /// Predictions of problems from other problems; missing if not asked for, or no part has two problems with answers.
+    pub held_out: Option<HeldOut>,
+    /// Chance, then each model, with what each gains; empty if nothing was left out.
+    pub ladder: Vec<LadderStep>,
+}
+
+impl Comparison {
+    /// Two models' figures, and 1 if positive ones speak for `better`, −1 if negative ones do.
+    pub fn pair(&self, better: &str, than: &str) -> Option<(&Pair, f64)> {
+        self.pairs.iter().find_map(|pair| {
+            if (pair.first.as_str(), pair.second.as_str()) == (better, than) {
+                Some((pair, 1.0))
+            } else if (pair.first.as_str(), pair.second.as_str()) == (than, better) {
+                Some((pair, -1.0))
+            } else {
+                None
+            }
+        })
+    }
 }
 
 /// One model's scores.
@@ -39,6 +62,8 @@ pub struct ModelScores {
     pub leave_one_out: Option<LeaveOneOut>,
     /// ln marginal likelihood, the sum over parts.
     pub log_marginal_likelihood: Option<Estimate>,
+    /// Intervals over resampled people, by part; missing if not asked for.
+    pub bootstrap: Option<OrderedMap<Bootstrap>>,
 }
 
 /// What speaks for one model against another.
@@ -52,6 +77,8 @@ pub struct Pair {
     pub leave_one_out: Option<LeaveOneOutDifference>,
     /// Ratio of marginal likelihoods.
     pub bayes_factor: Option<BayesFactor>,
+    /// Difference in expected log score of problems held out.
+    pub held_out: Option<ScoreDifference>,
 }
 
 /// What a comparison holds.
@@ -61,6 +88,10 @@ pub struct ComparisonSettings {
     pub leave_one_out: bool,
     /// Repeat Bayes factors under other priors; each row fits every model again.
     pub sensitivity: bool,
+    /// Predict problems from others; each fold fits every model again.
+    pub held_out: Option<HeldOutSettings>,
+    /// Intervals over resampled people; most resamples are a fit.
+    pub bootstrap: Option<BootstrapSettings>,
 }
 
 impl ComparisonSettings {
@@ -68,19 +99,28 @@ impl ComparisonSettings {
     pub const LIVE: Self = Self {
         leave_one_out: false,
         sensitivity: false,
+        held_out: None,
+        bootstrap: None,
     };
 
     /// What is cheap: Bayes factors and leave-one-out.
     pub const BRIEF: Self = Self {
         leave_one_out: true,
-        sensitivity: false,
+        ..Self::LIVE
     };
 
-    /// Everything.
-    pub const FULL: Self = Self {
-        leave_one_out: true,
-        sensitivity: true,
-    };
+    /// Everything that a verdict needs: also problems held out, with the folds of `seed`, and other priors.
+    pub fn full(seed: u64) -> Self {
+        let held_out = HeldOutSettings {
+            seed,
+            ..HeldOutSettings::default()
+        };
+        Self {
+            sensitivity: true,
+            held_out: Some(held_out),
+            ..Self::BRIEF
+        }
+    }
 }
 
 /// A fit that exists already and need not be made again: of the answers of that part, under the settings given.
@@ -101,6 +141,10 @@ pub enum ComparisonProgress {
     LeavingOut(&'static ChoiceModel),
     /// Priors are changed.
     ChangingPriors(&'static ChoiceModel),
+    /// Problems are held out.
+    HoldingOut(&'static ChoiceModel),
+    /// People are resampled.
+    Resampling(&'static ChoiceModel),
 }
 
 /// Compares models over a plan.
@@ -122,15 +166,31 @@ pub fn compare_models(
     wanted: &ComparisonSettings,
     watch: &mut dyn FnMut(ComparisonProgress) -> ControlFlow<()>,
 ) -> Result<Comparison, FitError> {
+    let mut exam = wanted
+        .held_out
+        .as_ref()
+        .and_then(|settings| Exam::new(plan, settings));
     let mut compared = Vec::with_capacity(models.len());
     for model in models {
-        compared.push(Compared::of(plan, model, settings, known, wanted, watch)?);
+        let fits = fits_of(plan, model, settings, known, watch)?;
+        let one = Compared::of(plan, fits, model, wanted, watch)?;
+        if let Some(exam) = exam.as_mut().filter(|_| one.converged) {
+            let mut inner = || watch(ComparisonProgress::HoldingOut(model));
+            exam.examine(plan, &one.fits, &mut inner)?;
+        }
+        compared.push(one);
     }
     let mut pairs = Vec::new();
     for (place, first) in compared.iter().enumerate() {
         for second in &compared[..place] {
-            pairs.push(first.against(second));
+            pairs.push(first.against(second, exam.as_ref()));
         }
+    }
+    let mut steps = Vec::new();
+    if wanted.leave_one_out || exam.is_some() {
+        let mut rungs = vec![Rung::random(plan)];
+        rungs.extend(compared.iter().map(Compared::rung));
+        steps = ladder(&rungs, exam.as_ref(), plan.data().n());
     }
     Ok(Comparison {
         unit: plan.unit(),
@@ -142,10 +202,12 @@ pub fn compare_models(
             .map(|part| part.id().to_owned())
             .collect(),
         models: compared
-            .iter()
+            .into_iter()
             .map(|model| (model.model.id.to_owned(), model.scores()))
             .collect(),
         pairs,
+        held_out: exam.map(Exam::report),
+        ladder: steps,
     })
 }
 
@@ -154,71 +216,85 @@ struct Compared {
     model: &'static ChoiceModel,
     fits: Vec<PartFit>,
     converged: bool,
-    left_out: Option<super::leave_one_out::Scored>,
-    evidence_rows: Option<Vec<super::bayes_factor::EvidenceRow>>,
+    left_out: Option<Scored>,
+    evidence_rows: Option<Vec<EvidenceRow>>,
+    bootstrap: Option<OrderedMap<Bootstrap>>,
 }
 
 impl Compared {
     fn of(
         plan: &PlanData,
+        fits: Vec<PartFit>,
         model: &'static ChoiceModel,
-        settings: &FitSettings,
-        known: &[KnownFit],
         wanted: &ComparisonSettings,
         watch: &mut dyn FnMut(ComparisonProgress) -> ControlFlow<()>,
     ) -> Result<Self, FitError> {
-        let fits = fits_of(plan, model, settings, known, watch)?;
-        let converged = fits.iter().all(|fit| fit.summary.converged);
         let mut compared = Self {
             model,
+            converged: fits.iter().all(|fit| fit.summary.converged),
             fits,
-            converged,
             left_out: None,
             evidence_rows: None,
+            bootstrap: None,
         };
-        if !converged {
+        if !compared.converged {
             return Ok(compared);
         }
         if wanted.leave_one_out {
-            let scored = leave_one_out(plan, &compared.fits, &mut || {
-                watch(ComparisonProgress::LeavingOut(model))
-            })?;
-            compared.left_out = Some(scored);
+            let mut inner = || watch(ComparisonProgress::LeavingOut(model));
+            compared.left_out = Some(leave_one_out(plan, &compared.fits, &mut inner)?);
         }
         if wanted.sensitivity {
-            let rows = sensitivity(plan, &compared.fits, &mut || {
-                watch(ComparisonProgress::ChangingPriors(model))
-            })?;
-            compared.evidence_rows = Some(rows);
+            let mut inner = || watch(ComparisonProgress::ChangingPriors(model));
+            compared.evidence_rows = Some(sensitivity(plan, &compared.fits, &mut inner)?);
+        }
+        if let Some(settings) = &wanted.bootstrap {
+            let mut inner = || watch(ComparisonProgress::Resampling(model));
+            let mut parts = Vec::with_capacity(compared.fits.len());
+            for (place, fit) in compared.fits.iter().enumerate() {
+                let found = participant_bootstrap(plan, place, fit, settings, &mut inner)?;
+                parts.push((plan.parts()[place].id().to_owned(), found));
+            }
+            compared.bootstrap = Some(OrderedMap(parts));
         }
         Ok(compared)
     }
 
-    fn scores(&self) -> ModelScores {
+    fn scores(self) -> ModelScores {
         ModelScores {
             label: self.model.label.to_owned(),
             converged: self.converged,
-            leave_one_out: self.left_out.as_ref().map(|scored| scored.report.clone()),
             log_marginal_likelihood: ln_evidence(&self.fits),
+            leave_one_out: self.left_out.map(|scored| scored.report),
+            bootstrap: self.bootstrap,
         }
     }
 
-    fn against(&self, second: &Self) -> Pair {
-        let bayes_factor = BayesFactor::of(&self.fits, &second.fits).map(|factor| {
-            match (&self.evidence_rows, &second.evidence_rows) {
-                (Some(first), Some(second)) => factor.with_sensitivity(first, second),
-                (None, _) | (_, None) => factor,
-            }
-        });
+    fn rung(&self) -> Rung {
+        Rung {
+            id: self.model.id.to_owned(),
+            label: self.model.label.to_owned(),
+            units: self.left_out.as_ref().map(|scored| scored.units.clone()),
+        }
+    }
+
+    fn against(&self, second: &Self, exam: Option<&Exam>) -> Pair {
+        let plain = BayesFactor::of(&self.fits, &second.fits);
+        let rows = self
+            .evidence_rows
+            .as_ref()
+            .zip(second.evidence_rows.as_ref());
+        let bayes_factor = match rows {
+            Some((first, other)) => plain.map(|factor| factor.with_sensitivity(first, other)),
+            None => plain,
+        };
+        let left_out = self.left_out.as_ref().zip(second.left_out.as_ref());
         Pair {
             first: self.model.id.to_owned(),
             second: second.model.id.to_owned(),
-            leave_one_out: self
-                .left_out
-                .as_ref()
-                .zip(second.left_out.as_ref())
-                .map(|(first, second)| first.minus(second)),
+            leave_one_out: left_out.map(|(first, other)| first.minus(other)),
             bayes_factor,
+            held_out: exam.and_then(|exam| exam.difference(self.model.id, second.model.id)),
         }
     }
 }
