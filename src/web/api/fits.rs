@@ -131,7 +131,7 @@ pub(super) async fn list(
             )
             .into());
         }
-        let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+        let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
         let Summary {
             data_version,
             fit_version,
@@ -145,6 +145,7 @@ pub(super) async fn list(
         })
         .into_response());
     }
+    results::shown(&store, &catalogue, &settings, &study).await?;
     let study = served(&catalogue, &study)?;
     let limit = limit.unwrap_or(PAGE_ROWS);
     if !(1..=MAX_PAGE_ROWS).contains(&limit) {
@@ -180,6 +181,7 @@ pub(super) async fn one(
     Path((study, fit)): Path<(StudyId, i64)>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
+    results::shown(&store, &catalogue, &settings, &study).await?;
     let study = served(&catalogue, &study)?;
     let fit = store
         .fit(study.id(), settings.population, FitId::from(fit))

@@ -107,11 +107,11 @@ pub(super) async fn predict(
             computed(move || from_parameters(&problem, model, &parameters, options)).await??;
         return Ok(Json(answer).into_response());
     }
-    let mut snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let mut snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let mut draws = draws_of(&store, &snapshot, model, &request).await?;
     if draws.is_none() {
         // A newer fit was made since, and only the newest keeps its draws.
-        snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+        snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
         draws = draws_of(&store, &snapshot, model, &request).await?;
     }
     let (part, chosen) = named_fit(&snapshot, model, &request)?;

@@ -8,10 +8,11 @@ use super::{
     curves::{PartCurves, Series},
     format::{count, decimal, interval, percent},
     page_tables as tables,
+    summary::{Answers, People},
     table::{Align, Cell, Table},
 };
 use crate::{
-    jobs::{PartState, Snapshot},
+    jobs::{Blind, PartState, Snapshot},
     model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
     store::{Error, Store},
     web::assets,
@@ -26,6 +27,8 @@ pub(super) struct ResultsPage {
     study: String,
     title: String,
     simulated: bool,
+    /// That the study's rule for stopping was reached.
+    announcement: Option<String>,
     people: [String; 4],
     answers: [String; 4],
     verdict: super::verdict::Verdict,
@@ -70,6 +73,38 @@ struct Checks {
     table: Table,
 }
 
+/// What is shown of a study that hides its results until enough people have finished.
+#[derive(Template, WebTemplate)]
+#[template(path = "results/blind.html")]
+pub(super) struct BlindPage {
+    study: String,
+    title: String,
+    simulated: bool,
+    until: String,
+    people: [String; 4],
+    answers: [String; 4],
+}
+
+impl BlindPage {
+    pub(super) fn new(snapshot: &Snapshot, blind: Blind) -> Self {
+        let Summary {
+            study,
+            simulated,
+            people,
+            answers,
+            ..
+        } = Summary::new(snapshot);
+        Self {
+            study: study.id,
+            title: study.title,
+            simulated,
+            until: count(blind.until),
+            people: counted_people(&people),
+            answers: counted_answers(&answers),
+        }
+    }
+}
+
 /// How people did on an item that asks for one certain answer.
 pub(super) struct Attention {
     label: String,
@@ -88,20 +123,9 @@ impl ResultsPage {
             study: summary.study.id.clone(),
             title: summary.study.title.clone(),
             simulated: summary.simulated,
-            people: [
-                people.completed,
-                people.started,
-                people.withdrawn,
-                people.declined,
-            ]
-            .map(count),
-            answers: [
-                answers.counted,
-                answers.late,
-                answers.timed_out,
-                answers.before_exclusions,
-            ]
-            .map(count),
+            announcement: summary.stopping.clone(),
+            people: counted_people(people),
+            answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
             exclusions: tables::exclusions(&summary),
             figures: figures(&summary, &accuracy, &curves, &curve_plan),
@@ -120,6 +144,26 @@ impl ResultsPage {
             verdict: summary.verdict,
         }
     }
+}
+
+fn counted_people(people: &People) -> [String; 4] {
+    [
+        people.completed,
+        people.started,
+        people.withdrawn,
+        people.declined,
+    ]
+    .map(count)
+}
+
+fn counted_answers(answers: &Answers) -> [String; 4] {
+    [
+        answers.counted,
+        answers.late,
+        answers.timed_out,
+        answers.before_exclusions,
+    ]
+    .map(count)
 }
 
 /// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.

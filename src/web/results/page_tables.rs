@@ -310,7 +310,7 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
         fit.plan_label.clone().into(),
         fit.part_label.clone().into(),
         fit.model_label.into(),
-        state(fit.state),
+        state(fit),
         decimal(fit.rhat_max, 3).into(),
         fit.ess_min
             .map_or_else(|| "–".to_owned(), |ess| count(ess.round() as u64))
@@ -323,8 +323,9 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
     ]
 }
 
-fn state(state: PartState) -> Cell {
-    let (id, word) = match state {
+fn state(fit: &FitRow) -> Cell {
+    let (id, word) = match fit.state {
+        PartState::Converged if fit.provisional => ("converged", "converged, provisional"),
         PartState::Waiting => ("waiting", "waiting"),
         PartState::Running => ("running", "running"),
         PartState::Converged => ("converged", "converged"),
