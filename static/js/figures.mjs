@@ -1,13 +1,15 @@
 import { accuracy } from "./figures/accuracy.mjs";
 import { actions } from "./figures/actions.mjs";
 import { Figure } from "./figures/figure.mjs";
+import { ladder } from "./figures/ladder.mjs";
+import { sequential } from "./figures/sequential.mjs";
 import { showTable } from "./figures/table-view.mjs";
 import { tables } from "./figures/tables.mjs";
 import { value, valueShape } from "./figures/value.mjs";
 import { weightOfRisk } from "./figures/weight-of-risk.mjs";
 import { weighting } from "./figures/weighting.mjs";
 
-const kinds = { actions, weighting, weight_of_risk: weightOfRisk, value, value_shape: valueShape, accuracy };
+const kinds = { actions, weighting, weight_of_risk: weightOfRisk, value, value_shape: valueShape, accuracy, ladder, sequential };
 
 /** All figures and live tables below `root`; a figure that fails leaves the others alone. */
 export class Figures {
@@ -24,13 +26,18 @@ export class Figures {
     for (const figure of this.figures) guarded(figure.element, () => figure.update(data));
     for (const frame of this.tables) {
       guarded(frame, () => {
-        const table = tables[frame.dataset.table];
-        if (!table.needs.every((name) => data[name])) return;
-        const content = table.build(data);
+        const content = contentOf(frame.dataset.table, data);
         if (content) showTable(frame, content);
       });
     }
   }
+}
+
+/** What is built here from numbers, or what the server built. */
+function contentOf(name, data) {
+  const table = tables[name];
+  if (!table) return data.reading?.tables[name];
+  return table.needs.every((part) => data[part]) ? table.build(data) : null;
 }
 
 function guarded(element, act) {

@@ -4,15 +4,17 @@ use crate::{
     inference::{
         Estimate,
         comparison::{
-            BayesFactor, Comparison, EvidenceWords, LEAST_DIFFERENCE, LEAST_UNITS,
-            LeaveOneOutDifference, Pair, PriorChange, Unit,
+            BayesFactor, CUPS_HYPOTHESIS, Comparison, DRIVING_HYPOTHESIS, EvidenceWords,
+            Hypothesis, LEAST_DIFFERENCE, LEAST_UNITS, LeaveOneOutDifference, OBSERVED_SHARE, Pair,
+            PriorChange, RANDOM, Unit, Verdict,
         },
     },
     jobs::Snapshot,
     model::{NOISY_RATIONAL, RISK_AWARE},
-    study::Timestamp,
+    study::{FitPlan, Timestamp},
     web::results::{
-        format::{count, decimal, mean_sd},
+        format::{count, decimal, interval, mean_sd},
+        reading::parameters::symbol,
         table::{Align, Table},
     },
 };
@@ -25,15 +27,27 @@ pub(in crate::web::results) struct Compared<'a> {
     /// The plan's text on pages.
     pub(super) label: &'a str,
     pub(super) comparison: &'a Comparison,
-    pub(super) seed: Option<u64>,
-    pub(super) at: Option<Timestamp>,
+    /// Newer answers are not in it.
+    is_behind: bool,
+    pub(super) seed: u64,
+    pub(super) at: Timestamp,
 }
 
 impl<'a> Compared<'a> {
     /// All plans that were compared, in file order.
     pub(in crate::web::results) fn all(snapshot: &'a Snapshot) -> Vec<Self> {
-        let _ = snapshot;
-        Vec::new()
+        let of_plan = |plan: &'a FitPlan| {
+            let known = snapshot.comparison(&plan.id)?;
+            Some(Self {
+                plan: plan.id.as_str(),
+                label: &plan.label,
+                comparison: known.report.as_ref().ok()?,
+                is_behind: known.is_behind,
+                seed: known.seed,
+                at: known.at,
+            })
+        };
+        snapshot.study.plans().iter().filter_map(of_plan).collect()
     }
 
     fn model_label(&self, id: &str) -> String {
@@ -51,6 +65,15 @@ impl<'a> Compared<'a> {
         )
     }
 
+    /// What predicts, for people: chance, the other problems' share, or a model.
+    fn predictor(&self, id: &str) -> String {
+        match id {
+            RANDOM => "Random".to_owned(),
+            OBSERVED_SHARE => "Share in the other cells".to_owned(),
+            model => self.model_label(model),
+        }
+    }
+
     /// The paper's two models.
     fn paper_pair(&self) -> Option<&'a Pair> {
         self.comparison
@@ -59,7 +82,8 @@ impl<'a> Compared<'a> {
             .find(|pair| pair.first == RISK_AWARE.id && pair.second == NOISY_RATIONAL.id)
     }
 
-    fn units(&self) -> &'static str {
+    /// What is left out, for people.
+    pub(super) fn units(&self) -> &'static str {
         match self.comparison.unit {
             Unit::Participant => "people",
             Unit::Answer => "answers",
@@ -86,17 +110,12 @@ impl Side {
 }
 
 /// Distinguishable, and beyond two standard errors.
-fn held_out_side(found: &LeaveOneOutDifference) -> Side {
+fn left_out_side(found: &LeaveOneOutDifference) -> Side {
     if found.distinguishable && found.difference.beyond_two_se {
         Side::of(found.difference.value)
     } else {
         Side::Neither
     }
-}
-
-/// Clear of its Monte-Carlo error, under every prior tried.
-fn bayes_side(found: &BayesFactor) -> Side {
-    found.common_sign().map_or(Side::Neither, Side::of)
 }
 
 /// Which model the headline names, and why; nothing before the first comparison.
@@ -110,7 +129,7 @@ pub(in crate::web::results) fn headline(
     if found.is_empty() {
         return None;
     }
-    let has = |side| found.iter().any(|(_, found)| held_out_side(found) == side);
+    let has = |side| found.iter().any(|(_, found)| left_out_side(found) == side);
     let label = match (has(Side::First), has(Side::Second)) {
         (true, true) => "It depends",
         (true, false) => RISK_AWARE.label,
@@ -137,26 +156,37 @@ pub(in crate::web::results) fn headline(
     ))
 }
 
-/// Who or what is left out.
-pub(super) fn unit(compared: &[Compared<'_>]) -> String {
+/// What the comparison is of, or when there will be one.
+pub(super) fn compared(snapshot: &Snapshot, compared: &[Compared<'_>]) -> String {
     let Some(first) = compared.first() else {
-        return "Not compared yet: a comparison follows once the study has been idle for a moment and the fits of all models have converged.".to_owned();
+        let failed = snapshot.study.plans().iter().find_map(|plan| {
+            let message = snapshot.comparison(&plan.id)?.report.as_ref().err()?;
+            Some(format!("The models could not be compared: {message}."))
+        });
+        return failed.unwrap_or_else(|| {
+            "Not compared yet: that follows once no answer has come for ten seconds and all fits are final.".to_owned()
+        });
     };
     let comparison = first.comparison;
-    match comparison.unit {
+    let mut text = match comparison.unit {
         Unit::Participant => format!(
-            "One person is left out at a time, with all answers: {} people.",
-            count(comparison.units)
+            "One person is left out at a time, with all answers: {} people, {} answers.",
+            count(comparison.units),
+            count(comparison.n)
         ),
         Unit::Answer => format!(
-            "Nobody knows who gave which answer, so one answer is left out at a time: {} answers. Where a person gave several, standard errors are too small.",
-            count(comparison.units)
+            "Nobody knows who gave which answer, so one answer is left out at a time: {}. Where a person gave several, standard errors are too small.",
+            count(comparison.n)
         ),
+    };
+    if compared.iter().any(|plan| plan.is_behind) {
+        text.push_str(" Newer answers are not in it yet.");
     }
+    text
 }
 
 /// Differences in held-out score.
-pub(super) fn held_out(compared: &[Compared<'_>]) -> Table {
+pub(super) fn left_out(compared: &[Compared<'_>]) -> Table {
     let mut table = Table::new(&[
         ("Fit", Align::Words),
         ("Models", Align::Words),
@@ -183,11 +213,14 @@ pub(super) fn held_out(compared: &[Compared<'_>]) -> Table {
 
 fn reading(plan: &Compared<'_>, pair: &Pair, found: &LeaveOneOutDifference) -> String {
     let difference = found.difference;
-    match held_out_side(found) {
+    match left_out_side(found) {
         Side::First => format!("{} predicts better", plan.model_label(&pair.first)),
         Side::Second => format!("{} predicts better", plan.model_label(&pair.second)),
         Side::Neither if difference.units < LEAST_UNITS => {
-            format!("not distinguishable: fewer than {LEAST_UNITS} {}", plan.units())
+            format!(
+                "not distinguishable: fewer than {LEAST_UNITS} {}",
+                plan.units()
+            )
         }
         Side::Neither if difference.value.abs() < LEAST_DIFFERENCE => {
             format!("not distinguishable: a difference under {LEAST_DIFFERENCE}")
@@ -327,7 +360,10 @@ pub(super) fn sensitivity(compared: &[Compared<'_>]) -> Table {
     ]);
     for plan in compared {
         for pair in &plan.comparison.pairs {
-            let rows = pair.bayes_factor.as_ref().and_then(|factor| factor.sensitivity.as_ref());
+            let rows = pair
+                .bayes_factor
+                .as_ref()
+                .and_then(|factor| factor.sensitivity.as_ref());
             for row in rows.into_iter().flatten() {
                 let what = match row.change {
                     PriorChange::TauLogSd => "log-sd of τ",
@@ -339,9 +375,67 @@ pub(super) fn sensitivity(compared: &[Compared<'_>]) -> Table {
                     plan.label.to_owned(),
                     plan.pair_label(pair),
                     format!("{what} {}{mark}", row.value),
-                    row.ln.as_ref().map_or_else(
+                    row.ln
+                        .as_ref()
+                        .map_or_else(|| "not converged".to_owned(), |ln| estimate(Some(ln))),
+                ]);
+            }
+        }
+    }
+    table
+}
+
+/// Problems held out, with what chance, the other problems' share and each model predict of them.
+pub(super) fn held_out(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
+    let mut table = Table::new(&[
+        ("Fit", Align::Words),
+        ("Cell held out", Align::Words),
+        ("n", Align::Numbers),
+        ("Predicted by", Align::Words),
+        ("Log score", Align::Numbers),
+        ("Per answer", Align::Numbers),
+        ("ln KL", Align::Numbers),
+    ]);
+    for plan in compared {
+        let Some(found) = &plan.comparison.held_out else {
+            continue;
+        };
+        for (id, score) in found.scores.iter() {
+            table.row([
+                plan.label.to_owned(),
+                "All of them".to_owned(),
+                count(found.n),
+                plan.predictor(id),
+                score.map_or_else(
+                    || "not converged".to_owned(),
+                    |score| mean_sd(Some(score.score), score.se, 2),
+                ),
+                decimal(score.map(|score| score.per_answer), 3),
+                decimal(score.and_then(|score| score.mean_ln_kl), 2),
+            ]);
+        }
+        for problem in &found.problems {
+            let cell = snapshot.study.cell(&problem.problem);
+            let label = cell.map_or(problem.problem.as_str(), |cell| cell.label.as_str());
+            for (id, prediction) in problem.predictions.iter() {
+                table.row([
+                    plan.label.to_owned(),
+                    label.to_owned(),
+                    count(problem.n),
+                    plan.predictor(id),
+                    prediction.as_ref().map_or_else(
                         || "not converged".to_owned(),
-                        |ln| estimate(Some(ln)),
+                        |prediction| decimal(Some(prediction.score), 2),
+                    ),
+                    decimal(
+                        prediction
+                            .as_ref()
+                            .map(|prediction| prediction.score / problem.n as f64),
+                        3,
+                    ),
+                    decimal(
+                        prediction.as_ref().and_then(|prediction| prediction.ln_kl),
+                        2,
                     ),
                 ]);
             }
@@ -350,52 +444,117 @@ pub(super) fn sensitivity(compared: &[Compared<'_>]) -> Table {
     table
 }
 
-/// One line per plan on the paper's two models, with the criterion.
-pub(super) fn verdicts(compared: &[Compared<'_>]) -> Vec<String> {
-    let line = |plan: &Compared<'_>| {
-        let pair = plan.paper_pair()?;
-        let found = pair.leave_one_out.as_ref()?;
-        Some(format!(
-            "Does {} predict people better than {}? {}: {} (held-out score {} over {} {}; criterion: a difference of at least {LEAST_DIFFERENCE}, beyond two standard errors, over at least {LEAST_UNITS} {}).",
-            RISK_AWARE.label,
-            NOISY_RATIONAL.label,
-            plan.label,
-            reading(plan, pair, found),
-            mean_sd(Some(found.difference.value), found.difference.se, 1),
-            count(found.difference.units),
-            plan.units(),
-            plan.units(),
-        ))
-    };
-    compared.iter().filter_map(line).collect()
+/// Intervals of the posterior median over people drawn anew, beside the posterior's.
+pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
+    let mut table = Table::new(&[
+        ("Fit", Align::Words),
+        ("Part", Align::Words),
+        ("Model", Align::Words),
+        ("Parameter", Align::Words),
+        ("Posterior, 5–95 %", Align::Numbers),
+        ("People drawn anew, 5–95 %", Align::Numbers),
+    ]);
+    for part in &snapshot.fits {
+        let Some(plan) = compared.iter().find(|plan| part.plan == *plan.plan) else {
+            continue;
+        };
+        let resampled = plan
+            .comparison
+            .models
+            .get(part.model.id)
+            .and_then(|model| model.bootstrap.as_ref()?.get(part.part.as_str()));
+        let posterior = part
+            .converged()
+            .and_then(|report| report.summary.parameters.as_ref());
+        let (Some(resampled), Some(posterior)) = (resampled, posterior) else {
+            continue;
+        };
+        for (name, found) in resampled.parameters.iter() {
+            let posterior = posterior.get(name);
+            table.row([
+                part.plan_label.clone(),
+                part.part_label.clone(),
+                part.model.label.to_owned(),
+                symbol(name),
+                interval(posterior.map(|p| p.q5), posterior.map(|p| p.q95), 2),
+                interval(found.q5, found.q95, 2),
+            ]);
+        }
+    }
+    table
 }
 
-/// Where held-out score and Bayes factor take different sides, and why they can.
-pub(super) fn disagreement(compared: &[Compared<'_>]) -> String {
-    let differing = compared.iter().filter_map(|plan| {
-        let pair = plan.paper_pair()?;
-        let held_out = held_out_side(pair.leave_one_out.as_ref()?);
-        let bayes = bayes_side(pair.bayes_factor.as_ref()?);
-        let name = |side: Side| match side {
-            Side::First => plan.model_label(&pair.first),
-            Side::Second => plan.model_label(&pair.second),
-            Side::Neither => "neither".to_owned(),
-        };
-        (held_out != bayes).then(|| {
-            format!(
-                "“{}”: the held-out score favours {}, the Bayes factor {}",
-                plan.label,
-                name(held_out),
-                name(bayes)
-            )
-        })
-    });
-    let differing: Vec<String> = differing.collect();
-    if differing.is_empty() {
-        return String::new();
+/// The paper's hypothesis on a study of its own.
+fn hypothesis(snapshot: &Snapshot) -> Option<&'static Hypothesis> {
+    match snapshot.study.id().as_str() {
+        "driving" => Some(&DRIVING_HYPOTHESIS),
+        "cups" => Some(&CUPS_HYPOTHESIS),
+        _ => None,
     }
+}
+
+/// What each plan's comparison says on the study's hypothesis.
+fn judged<'a>(snapshot: &Snapshot, compared: &[Compared<'a>]) -> Vec<(&'a str, Verdict)> {
+    let Some(hypothesis) = hypothesis(snapshot) else {
+        return Vec::new();
+    };
+    let of_plan = |plan: &Compared<'a>| {
+        let verdict = Verdict::of(hypothesis, plan.comparison)?;
+        Some((plan.label, verdict))
+    };
+    compared.iter().filter_map(of_plan).collect()
+}
+
+/// One line per hypothesis and plan, with the criterion last.
+pub(super) fn verdicts(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Vec<String> {
+    let judged = judged(snapshot, compared);
+    let mut lines: Vec<String> = judged
+        .iter()
+        .map(|(plan, verdict)| format!("{} ({}).", with_minus(&verdict.line), plan.to_lowercase()))
+        .collect();
+    if let Some((_, verdict)) = judged.first() {
+        lines.insert(0, format!("{}: {}.", verdict.hypothesis, verdict.statement));
+        lines.push(format!("Criterion: {}.", Verdict::CRITERION));
+    }
+    if hypothesis(snapshot).is_none() {
+        let line = |plan: &Compared<'_>| {
+            let pair = plan.paper_pair()?;
+            let found = pair.leave_one_out.as_ref()?;
+            Some(format!(
+                "{}: {} (held-out score {} over {} {}; criterion: a difference of at least {LEAST_DIFFERENCE}, beyond two standard errors, over at least {LEAST_UNITS}).",
+                plan.label,
+                reading(plan, pair, found),
+                mean_sd(Some(found.difference.value), found.difference.se, 1),
+                count(found.difference.units),
+                plan.units(),
+            ))
+        };
+        lines.extend(compared.iter().filter_map(line));
+    }
+    lines
+}
+
+fn with_minus(text: &str) -> String {
+    text.replace(" -", " \u{2212}")
+}
+
+/// Where the measures do not agree, and what each asks.
+pub(super) fn disagreement(snapshot: &Snapshot, compared: &[Compared<'_>]) -> String {
+    let judged = judged(snapshot, compared);
+    let differing: Vec<&(&str, Verdict)> = judged
+        .iter()
+        .filter(|(_, verdict)| verdict.disagreement.is_some())
+        .collect();
+    let Some((_, first)) = differing.first() else {
+        return String::new();
+    };
+    let plans: Vec<String> = differing
+        .iter()
+        .map(|(plan, _)| plan.to_lowercase())
+        .collect();
     format!(
-        "The measures do not agree. {}. They ask different things: the held-out score, how well a model that has learned from everybody else predicts one more person; the Bayes factor, how likely the model with its priors made these answers before any was seen, so that wide priors cost it; ln KL above, how close a model can come to answers that it has seen.",
-        differing.join("; ")
+        "The measures do not agree ({}). {}",
+        plans.join("; "),
+        first.disagreement.as_deref().unwrap_or_default()
     )
 }

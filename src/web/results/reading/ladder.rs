@@ -1,112 +1,95 @@
-//! The ladder: from chance to the paper's model, what each step gains in held-out score.
+//! The ladder: from chance to the richest model, what each step gains in held-out score.
 
 use serde::Serialize;
 
 use super::{broadest_plan, comparison::Compared};
 use crate::{
-    inference::comparison::Comparison,
+    inference::comparison::{LEAST_DIFFERENCE, LEAST_UNITS, LadderStep, ScoreDifference},
     jobs::Snapshot,
-    model::{CUMULATIVE_PROSPECT, EXPECTED_UTILITY, NOISY_RATIONAL, RISK_AWARE},
     web::results::format::rfc3339,
 };
 
-/// Chance, then each nested model that the study fits.
+/// Chance, then each model that the study fits, from the plainest to the richest.
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Ladder {
+pub(in crate::web::results) struct Ladder {
     pub plan: String,
     pub plan_label: String,
     /// Answers.
     pub n: u64,
     /// People or answers left out one at a time.
     pub units: u64,
-    pub seed: Option<u64>,
-    pub at: Option<String>,
+    /// `people` or `answers`.
+    pub units_are: &'static str,
+    pub seed: u64,
+    pub at: String,
+    /// Whether cells were left out; else people (or answers) were.
+    pub cells_left_out: bool,
     pub rungs: Vec<Rung>,
 }
 
-/// One model on the ladder.
+/// One step of the ladder; null where a fit has not converged.
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Rung {
-    pub model: &'static str,
+pub(in crate::web::results) struct Rung {
+    pub model: String,
     pub label: String,
-    /// What it adds to the rung below.
-    pub adds: &'static str,
-    /// Expected log score of what is left out, in nats.
-    pub elpd: f64,
-    /// Above chance.
-    pub above_chance: f64,
-    /// Above the rung below; null for chance.
+    /// Expected log score, in nats.
+    pub score: Option<f64>,
+    pub per_answer: Option<f64>,
+    /// Above the rung below; null for the first.
     pub gain: Option<f64>,
-    /// Standard error of the gain; null against chance, which has none to compare with.
     pub gain_se: Option<f64>,
-    /// Whether the gain can be told from nothing; null where there is no standard error.
+    /// Whether the gain can be told from nothing.
     pub distinguishable: Option<bool>,
 }
-
-/// The nested models with what each adds.
-const RUNGS: [(&str, &str); 4] = [
-    (NOISY_RATIONAL.id, "expected rewards, with noise"),
-    (EXPECTED_UTILITY.id, "bent rewards (α)"),
-    (CUMULATIVE_PROSPECT.id, "weighted probabilities, loss aversion"),
-    (RISK_AWARE.id, "a curvature of its own for losses (β)"),
-];
 
 impl Ladder {
     /// The ladder of the plan with the fewest parts; `None` before it was compared.
     pub(super) fn new(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Option<Self> {
         let plan = &broadest_plan(snapshot).id;
         let found = compared.iter().find(|found| *plan == *found.plan)?;
-        let actions = |cell: &crate::study::Cell| cell.actions.len();
-        let fitted = || snapshot.study.cells().iter().filter(|cell| cell.fitted);
-        let of_first = fitted().next().map(actions)?;
-        // Otherwise chance depends on who was asked what.
-        let is_even = fitted().all(|cell| actions(cell) == of_first);
-        let chance = is_even.then(|| -(found.comparison.n as f64) * (of_first as f64).ln())?;
+        let steps = &found.comparison.ladder;
+        let cells_left_out = steps.iter().any(|step| step.problems.is_some());
+        if steps.is_empty() {
+            return None;
+        }
         Some(Self {
             plan: plan.to_string(),
             plan_label: found.label.to_owned(),
             n: found.comparison.n,
             units: found.comparison.units,
+            units_are: found.units(),
             seed: found.seed,
-            at: found.at.map(rfc3339),
-            rungs: rungs(found.comparison, chance)?,
+            at: rfc3339(found.at),
+            cells_left_out,
+            rungs: steps
+                .iter()
+                .map(|step| Rung::new(step, cells_left_out))
+                .collect(),
         })
     }
 }
 
-fn rungs(comparison: &Comparison, chance: f64) -> Option<Vec<Rung>> {
-    let mut rungs = vec![Rung {
-        model: "random",
-        label: "Random".to_owned(),
-        adds: "every action equally likely",
-        elpd: chance,
-        above_chance: 0.0,
-        gain: None,
-        gain_se: None,
-        distinguishable: None,
-    }];
-    for (id, adds) in RUNGS {
-        let Some(model) = comparison.models.get(id) else {
-            continue;
+impl Rung {
+    fn new(step: &LadderStep, cells_left_out: bool) -> Self {
+        let score = if cells_left_out {
+            step.problems
+        } else {
+            step.units
         };
-        let elpd = model.leave_one_out.as_ref()?.elpd;
-        let below = &rungs[rungs.len() - 1];
-        let pair = comparison
-            .pairs
-            .iter()
-            .find(|pair| pair.first == id && pair.second == below.model)
-            .and_then(|pair| pair.leave_one_out);
-        rungs.push(Rung {
-            model: id,
-            label: model.label.clone(),
-            adds,
-            elpd,
-            above_chance: elpd - chance,
-            gain: Some(elpd - below.elpd),
-            gain_se: pair.and_then(|pair| pair.difference.se),
-            distinguishable: pair
-                .map(|pair| pair.distinguishable && pair.difference.beyond_two_se),
-        });
+        let gain = score.and_then(|score| score.gain);
+        let is_clear = |gain: ScoreDifference| {
+            gain.beyond_two_se
+                && (cells_left_out
+                    || gain.units >= LEAST_UNITS && gain.value.abs() >= LEAST_DIFFERENCE)
+        };
+        Self {
+            model: step.id.clone(),
+            label: step.label.clone(),
+            score: score.map(|score| score.score),
+            per_answer: score.map(|score| score.per_answer),
+            gain: gain.map(|gain| gain.value),
+            gain_se: gain.and_then(|gain| gain.se),
+            distinguishable: gain.map(is_clear),
+        }
     }
-    Some(rungs)
 }

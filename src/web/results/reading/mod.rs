@@ -1,28 +1,23 @@
-//! `evidence.json`: what may be read off the fits, how the models compare, and how the evidence grew.
+//! `reading.json`: what may be read off the fits, and how the models compare.
 //!
 //! Sentences and tables are made here once: the page shows them as text, the live page replaces them.
 
 mod comparison;
 mod ladder;
 mod parameters;
-mod sequential;
 
 use serde::Serialize;
 
 pub(super) use self::{
     comparison::{Compared, headline},
     ladder::Ladder,
-    sequential::Sequential,
 };
 use super::{format::rfc3339, table::Table};
-use crate::{
-    jobs::Snapshot,
-    study::{FitPlan, Timestamp},
-};
+use crate::{jobs::Snapshot, study::FitPlan};
 
 /// Everything beside the figures of the fits themselves.
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Evidence {
+pub(in crate::web::results) struct Reading {
     pub data_version: i64,
     pub fit_version: i64,
     /// When the latest comparison was made.
@@ -31,25 +26,22 @@ pub(in crate::web) struct Evidence {
     pub lists: Lists,
     pub tables: Tables,
     pub ladder: Option<Ladder>,
-    pub sequential: Option<Sequential>,
 }
 
 /// Sentences; an empty one is not shown.
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Texts {
+pub(in crate::web::results) struct Texts {
     /// Which fits may still change, though no answer comes.
     pub provisional: String,
     /// Who or what is left out when predictions are scored.
     pub compared: String,
     /// Where the measures do not agree, and what each asks.
     pub disagreement: String,
-    /// That the rule for stopping was reached.
-    pub stopping: String,
 }
 
 /// Sentences that belong together.
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Lists {
+pub(in crate::web::results) struct Lists {
     /// What the design cannot tell, whatever is chosen.
     pub design: Vec<String>,
     /// What limits the reading of the fits to all cells together.
@@ -59,49 +51,47 @@ pub(in crate::web) struct Lists {
 }
 
 #[derive(Debug, Serialize)]
-pub(in crate::web) struct Tables {
+pub(in crate::web::results) struct Tables {
     pub parameters: Table,
     pub notes: Table,
     pub loss_aversion: Table,
-    pub held_out: Table,
+    pub left_out: Table,
     pub scores: Table,
     pub bayes: Table,
     pub sensitivity: Table,
+    pub held_out: Table,
+    pub bootstrap: Table,
 }
 
-impl Evidence {
-    pub(in crate::web) fn new(snapshot: &Snapshot) -> Self {
+impl Reading {
+    pub(in crate::web::results) fn new(snapshot: &Snapshot) -> Self {
         let compared = Compared::all(snapshot);
-        let sequential = Sequential::new(snapshot);
         Self {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
-            at: compared.iter().filter_map(|plan| plan.at).max().map(rfc3339),
+            at: compared.iter().map(|plan| plan.at).max().map(rfc3339),
             texts: Texts {
                 provisional: parameters::provisional(snapshot),
-                compared: comparison::unit(&compared),
-                disagreement: comparison::disagreement(&compared),
-                stopping: sequential
-                    .as_ref()
-                    .map(Sequential::announcement)
-                    .unwrap_or_default(),
+                compared: comparison::compared(snapshot, &compared),
+                disagreement: comparison::disagreement(snapshot, &compared),
             },
             lists: Lists {
                 design: parameters::of_design(snapshot),
                 notes: parameters::notes(snapshot),
-                verdicts: comparison::verdicts(&compared),
+                verdicts: comparison::verdicts(snapshot, &compared),
             },
             tables: Tables {
                 parameters: parameters::table(snapshot),
                 notes: parameters::all_notes(snapshot),
                 loss_aversion: parameters::loss_aversion(snapshot),
-                held_out: comparison::held_out(&compared),
+                left_out: comparison::left_out(&compared),
                 scores: comparison::scores(&compared),
                 bayes: comparison::bayes(&compared),
                 sensitivity: comparison::sensitivity(&compared),
+                held_out: comparison::held_out(snapshot, &compared),
+                bootstrap: comparison::bootstrap(snapshot, &compared),
             },
             ladder: Ladder::new(snapshot, &compared),
-            sequential,
         }
     }
 }
@@ -113,8 +103,4 @@ fn broadest_plan(snapshot: &Snapshot) -> &FitPlan {
         .iter()
         .min_by_key(|plan| plan.parts.len())
         .unwrap_or(&plans[0])
-}
-
-fn latest(left: Option<Timestamp>, right: Option<Timestamp>) -> Option<Timestamp> {
-    left.max(right)
 }

@@ -74,7 +74,7 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
     table
 }
 
-fn symbol(name: &str) -> String {
+pub(super) fn symbol(name: &str) -> String {
     let symbol = Quantity::try_from(name.to_owned()).map(Quantity::symbol);
     symbol.map_or_else(|_| name.to_owned(), str::to_owned)
 }
@@ -194,11 +194,7 @@ pub(super) fn loss_aversion(snapshot: &Snapshot) -> Table {
             Some((other.model, found.get("lambda")?))
         });
         if let Some((model, lambda)) = lambda {
-            row(
-                model,
-                "any".to_owned(),
-                [lambda.q5, lambda.q50, lambda.q95],
-            );
+            row(model, "any".to_owned(), [lambda.q5, lambda.q50, lambda.q95]);
         }
     }
     table
