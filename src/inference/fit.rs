@@ -11,14 +11,14 @@ use super::maximum_likelihood::{maximum_likelihood, posterior_mode};
 use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
-use super::sampled::{Sampled, sample};
+use super::sampled::{Sampled, Sampling, Warm};
 use super::sampler::{LogDensity, Stopped};
 use super::summary::{FitSummary, ParameterSummary, Source};
 use super::{
     ChoiceData, Draws, FittedProblem, PriorError, Priors, Quantity, ReferenceRewardError,
     default_reference_reward,
 };
-use crate::model::{ChoiceModel, OrderedMap, RiskAwareOptions};
+use crate::model::{ChoiceModel, OrderedMap, Parameter, RiskAwareOptions};
 
 /// Draws of the prior for its quantiles and curves.
 const PRIOR_DRAWS: usize = 4096;
@@ -126,6 +126,12 @@ pub struct WarmStart {
     model: &'static ChoiceModel,
     settings: FitSettings,
     problems: Vec<FittedProblem>,
+    moved: Vec<Parameter>,
+    /// Nothing where the earlier fit did not converge, or had nothing to move.
+    warm: Option<Warm>,
+    /// They depend on model, settings and problems alone.
+    prior_draws: Draws,
+    prior_sorted: Vec<Vec<f64>>,
 }
 
 impl WarmStart {
@@ -155,9 +161,8 @@ pub fn refit(
     settings: &FitSettings,
     watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Fit, FitError> {
-    let mut refitted = fit(model, data, settings, watch)?;
-    refitted.summary.provisional = previous.serves(model, data, settings);
-    Ok(refitted)
+    let previous = previous.serves(model, data, settings).then_some(previous);
+    fit_from(previous, model, data, settings, watch)
 }
 
 /// How far a fit has come.
@@ -196,6 +201,17 @@ pub fn fit(
     settings: &FitSettings,
     watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Fit, FitError> {
+    fit_from(None, model, data, settings, watch)
+}
+
+/// Fits warm if there is an earlier fit that serves and that suffices, else cold.
+fn fit_from(
+    previous: Option<&WarmStart>,
+    model: &'static ChoiceModel,
+    data: &ChoiceData,
+    settings: &FitSettings,
+    watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Result<Fit, FitError> {
     let mut posterior = settings.posterior(model, data)?;
     let reference_reward = posterior.reference_reward();
     let options = model.options(settings.options);
@@ -204,45 +220,65 @@ pub fn fit(
         options,
     );
 
-    let sampled = if posterior.dimension() == 0 {
-        Sampled::prior(&mut posterior, &mut predictor, data, settings)
-    } else {
-        sample(&mut posterior, &mut predictor, data, settings, watch)?
+    let earlier = previous
+        .filter(|previous| previous.moved == posterior.moved())
+        .and_then(|previous| previous.warm.as_ref());
+    let is_fixed = posterior.dimension() == 0;
+    let mut sampling = Sampling {
+        posterior: &mut posterior,
+        predictor: &mut predictor,
+        data,
+        settings,
+    };
+    let warm = match earlier {
+        Some(earlier) => sampling.warm(earlier, watch)?,
+        None => None,
+    };
+    let provisional = warm.is_some();
+    let sampled = match warm {
+        Some(sampled) => sampled,
+        None if is_fixed => sampling.prior(),
+        None => sampling.cold(watch)?,
     };
     if watch(Progress::Climbing).is_break() {
         return Err(FitError::Stopped);
     }
     let highest = maximum_likelihood(model, &mut posterior, &sampled.points);
     let mode = posterior_mode(&mut posterior, &sampled.points).map(|mode| {
-        let point = posterior.point(&mode.position, &mut |_| 0.5);
+        let point = posterior.point(&mode.position);
         let moved = posterior.moved().iter();
         moved
             .map(|name| (name.key().to_owned(), point.parameters.get(*name)))
             .collect()
     });
-    let prior_draws = posterior.prior_draws(PRIOR_DRAWS);
+    let (prior_draws, prior_sorted) = match previous {
+        Some(previous) => (previous.prior_draws.clone(), previous.prior_sorted.clone()),
+        None => prior(&posterior),
+    };
     let accuracy = sampled.accuracy(data, &predictor);
 
     let entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
         let columns = sampled.draws.columns.iter().zip(&sampled.convergence);
-        let summarise =
-            |((quantity, values), convergence): (&(Quantity, Vec<f64>), &Convergence)| {
-                let prior = prior_draws.column(*quantity).unwrap_or_default();
-                let summary = parameter_summary(
-                    &posterior,
-                    *quantity,
-                    &sampled.draws.by_chain(values),
-                    prior,
-                    *convergence,
-                );
-                (quantity.key().to_owned(), summary)
-            };
+        let columns = columns.zip(&prior_sorted);
+        let summarise = |(((quantity, values), convergence), prior): (
+            (&(Quantity, Vec<f64>), &Convergence),
+            &Vec<f64>,
+        )| {
+            let summary = parameter_summary(
+                &posterior,
+                *quantity,
+                &sampled.draws.by_chain(values),
+                prior,
+                *convergence,
+            );
+            (quantity.key().to_owned(), summary)
+        };
         columns.map(summarise).collect()
     };
     let summary = FitSummary {
         model: model.id.to_owned(),
         converged: sampled.converged,
-        provisional: false,
+        provisional,
         parameters: Some(entries(&sampled)),
         max_log_likelihood: Some(highest.ln_likelihood),
         max_likelihood_parameters: Some(
@@ -282,7 +318,7 @@ pub fn fit(
         settings: settings.clone(),
         reference_reward,
         draws: sampled.draws,
-        prior_draws,
+        prior_draws: prior_draws.clone(),
         sample_indices: sampled.sample_indices,
         accuracy,
         summary,
@@ -290,10 +326,26 @@ pub fn fit(
             model,
             settings: settings.clone(),
             problems: data.problems().to_vec(),
+            moved: posterior.moved().to_vec(),
+            warm: sampled.warm.filter(|_| sampled.converged),
+            prior_draws,
+            prior_sorted,
         },
     };
     annotate(&mut fitted, data);
     Ok(fitted)
+}
+
+/// Evenly spread draws of the prior, and each column of them in increasing order.
+fn prior(posterior: &Posterior) -> (Draws, Vec<Vec<f64>>) {
+    let draws = posterior.prior_draws(PRIOR_DRAWS);
+    let sorted = |(_, values): &(Quantity, Vec<f64>)| {
+        let mut values = values.clone();
+        values.sort_by(f64::total_cmp);
+        values
+    };
+    let columns = draws.columns.iter().map(sorted).collect();
+    (draws, columns)
 }
 
 /// Why there is no fit.
@@ -342,8 +394,6 @@ fn parameter_summary(
         .collect();
     let contraction = 1.0 - variance(&coordinates) / posterior.prior_coordinate_variance(quantity);
     values.sort_by(f64::total_cmp);
-    let mut prior = prior.to_vec();
-    prior.sort_by(f64::total_cmp);
     let from_prior = posterior.is_prior(quantity);
     ParameterSummary {
         mean: mean(&values),
@@ -356,9 +406,9 @@ fn parameter_summary(
         ess_tail: convergence.ess_tail,
         mcse_mean: diagnostics::mcse_mean(chains),
         mcse_q50: diagnostics::mcse_quantile(chains, 0.5),
-        prior_q5: quantile(&prior, 0.05),
-        prior_q50: quantile(&prior, 0.5),
-        prior_q95: quantile(&prior, 0.95),
+        prior_q5: quantile(prior, 0.05),
+        prior_q50: quantile(prior, 0.5),
+        prior_q95: quantile(prior, 0.95),
         contraction,
         informed: !from_prior && contraction >= INFORMED_CONTRACTION,
         source: if from_prior {

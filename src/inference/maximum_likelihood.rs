@@ -117,7 +117,7 @@ fn likeliest(
 
 /// A position of the posterior on the coordinates of the climb.
 fn coordinates(moved: &[Parameter], posterior: &mut Posterior, position: &[f64]) -> Vec<f64> {
-    let point = posterior.point(position, &mut |_| 0.5);
+    let point = posterior.point(position);
     let funnel = posterior.funnel(&point.parameters);
     moved
         .iter()
@@ -138,9 +138,7 @@ fn parameters(moved: &[Parameter], posterior: &mut Posterior, position: &[f64]) 
     // The largest logarithm of a sensitivity or loss aversion that is tried.
     const LARGEST_LN: f64 = 100.0;
     let bounded = |x: f64| x.clamp(-LARGEST_LN, LARGEST_LN).exp();
-    let mut parameters = posterior
-        .point(&vec![0.0; moved.len()], &mut |_| 0.5)
-        .parameters;
+    let mut parameters = posterior.point(&vec![0.0; moved.len()]).parameters;
     let set = |parameters: Parameters, parameter, value: f64| {
         parameters
             .with(parameter, value)
@@ -191,7 +189,7 @@ fn spread_point(moved: &[Parameter], index: usize) -> Vec<f64> {
 pub(super) fn posterior_mode(posterior: &mut Posterior, points: &[Vec<f64>]) -> Option<Optimum> {
     let mut rated: Vec<(f64, &Vec<f64>)> = points
         .iter()
-        .map(|point| (posterior.evaluate(point).posterior(), point))
+        .map(|point| (posterior.ln_density(point), point))
         .collect();
     rated.sort_by(|left, right| right.0.total_cmp(&left.0));
     let starts: Vec<Vec<f64>> = rated
@@ -203,7 +201,7 @@ pub(super) fn posterior_mode(posterior: &mut Posterior, points: &[Vec<f64>]) -> 
         return None;
     }
     Some(maximise(
-        &mut |position| posterior.evaluate(position).posterior(),
+        &mut |position| posterior.ln_density(position),
         &starts,
         0.3,
     ))

@@ -1,15 +1,17 @@
 //! The posterior of a model's parameters on the coordinates that the sampler moves.
 
-use rand::RngExt;
+use std::array;
+
 use rand_chacha::ChaCha12Rng;
 
+use super::coordinate::Coordinate;
+use super::lanes::{InstructionSet, Kernel, LaneRandom};
 use super::likelihood::Likelihood;
-use super::sampler::{LnDensity, LogDensity};
-use super::{ChoiceData, Draws, FitError, FitSettings, Prior, Priors, Quantity};
-use crate::model::{ChoiceModel, Curvature, Parameter, Parameters, RiskAwareOptions, value};
-
-/// Keeps the sensitivity's coordinate finite where utilities do not differ (models' funnel, see [`Posterior`]).
-const SPREAD_FLOOR: f64 = 0.02;
+use super::parameter_space::{LanePoint, ParameterSpace, Point, funnel_lanes, theta_lanes, with};
+use super::sampler::{BLOCK, Chains, LnDensities, LogDensity};
+use super::utility_table::{ParameterLanes, lanes_of};
+use super::{ChoiceData, Draws, Priors, Quantity};
+use crate::model::{ChoiceModel, Curvature, Parameter, Parameters, RiskAwareOptions};
 
 /// Utility gaps that differ by less than this, relative to their size, do not depend on a parameter.
 const INERT_TOLERANCE: f64 = 1e-10;
@@ -35,13 +37,9 @@ const PROBES: usize = 24;
 /// they are drawn from the prior and not moved.
 #[derive(Debug, Clone)]
 pub(super) struct Posterior {
-    model: &'static ChoiceModel,
-    priors: Priors,
-    reference_reward: f64,
+    space: ParameterSpace,
     likelihood: Likelihood,
-    /// θ stands for τ.
-    moved: Vec<Parameter>,
-    inert: Vec<Parameter>,
+    instructions: InstructionSet,
 }
 
 impl Posterior {
@@ -52,37 +50,29 @@ impl Posterior {
         options: RiskAwareOptions,
         reference_reward: f64,
     ) -> Self {
-        let likelihood = Likelihood::new(data, model.options(options));
         let mut posterior = Self {
-            model,
-            priors,
-            reference_reward,
-            likelihood,
-            moved: Vec::new(),
-            inert: Vec::new(),
+            space: ParameterSpace::new(model, priors, reference_reward),
+            likelihood: Likelihood::new(data, model.options(options)),
+            instructions: InstructionSet::widest(),
         };
-        let (inert, moved) = model
-            .parameters
-            .iter()
-            .partition(|name| posterior.is_inert(**name));
-        posterior.inert = inert;
-        posterior.moved = moved;
+        let inert = posterior.find_inert();
+        posterior.space.fix(inert);
         posterior
     }
 
     /// Signed reward that gives τ its unit.
     pub(super) fn reference_reward(&self) -> f64 {
-        self.reference_reward
+        self.space.reference_reward
     }
 
     /// The parameters that choices can tell about; θ stands for τ.
     pub(super) fn moved(&self) -> &[Parameter] {
-        &self.moved
+        &self.space.moved
     }
 
     /// Whether choices say nothing about a quantity, so that its posterior is its prior.
     pub(super) fn is_prior(&self, quantity: Quantity) -> bool {
-        let inert = |parameter| self.inert.contains(&parameter);
+        let inert = |parameter| self.space.inert.contains(&parameter);
         match quantity {
             Quantity::Parameter(Parameter::Theta) => {
                 inert(Parameter::Theta) || self.is_losses_only()
@@ -94,12 +84,13 @@ impl Posterior {
 
     /// Whether only losses count: λ cannot be told from θ, only their product is learned.
     pub(super) fn is_losses_only(&self) -> bool {
-        self.reference_reward < 0.0 && self.inert.contains(&Parameter::Lambda)
+        self.space.reference_reward < 0.0 && self.space.inert.contains(&Parameter::Lambda)
     }
 
     /// What is reported, in order.
     pub(super) fn quantities(&self) -> Vec<Quantity> {
         let mut quantities: Vec<Quantity> = self
+            .space
             .model
             .parameters
             .iter()
@@ -113,24 +104,31 @@ impl Posterior {
         quantities
     }
 
-    /// Draws of all quantities from positions `[chain][draw]` and a random stream for what is inert.
-    pub(super) fn draws(&mut self, positions: &[Vec<Vec<f64>>], rng: &mut ChaCha12Rng) -> Draws {
-        let mut inert = |_| rng.random::<f64>();
+    /// Draws of all quantities from the positions of chains and a random stream for what is inert.
+    pub(super) fn draws(&mut self, chains: &Chains, rng: &mut ChaCha12Rng) -> Draws {
         let quantities = self.quantities();
         let mut columns: Vec<(Quantity, Vec<f64>)> = quantities
             .into_iter()
-            .map(|quantity| (quantity, Vec::new()))
+            .map(|quantity| (quantity, vec![0.0; chains.len()]))
             .collect();
-        for position in positions.iter().flatten() {
-            let point = self.point(position, &mut inert);
+        let mut random = LaneRandom::new(rng);
+        let mut positions = vec![[0.0; BLOCK]; self.dimension()];
+        for start in (0..chains.len()).step_by(BLOCK) {
+            chains.block(start, &mut positions);
+            let point = self.instructions.run(Locate {
+                posterior: self,
+                positions: &positions,
+                random: &mut random,
+            });
+            let end = (start + BLOCK).min(chains.len());
             for (quantity, values) in &mut columns {
-                values.push(point.get(*quantity));
+                values[start..end].copy_from_slice(&point.get(*quantity)[..end - start]);
             }
         }
         Draws {
-            model: self.model,
-            chains: positions.len(),
-            per_chain: positions[0].len(),
+            model: self.space.model,
+            chains: chains.chains,
+            per_chain: chains.per_chain,
             columns,
         }
     }
@@ -142,14 +140,13 @@ impl Posterior {
             .into_iter()
             .map(|quantity| (quantity, Vec::new()))
             .collect();
-        for index in 0..count {
-            let point = self.prior_point(index);
+        for point in self.space.prior_points(count) {
             for (quantity, values) in &mut columns {
                 values.push(point.get(*quantity));
             }
         }
         Draws {
-            model: self.model,
+            model: self.space.model,
             chains: 1,
             per_chain: count,
             columns,
@@ -158,30 +155,31 @@ impl Posterior {
 
     /// The prior's variance of the coordinate on which a quantity's contraction is measured.
     pub(super) fn prior_coordinate_variance(&self, quantity: Quantity) -> f64 {
-        let tau = self.priors.tau.ln_variance();
-        let bends_apart = self.model.curvature == Curvature::Separate;
-        let curvature = if self.reference_reward < 0.0 && bends_apart {
+        let tau = self.space.priors.tau.ln_variance();
+        let bends_apart = self.space.model.curvature == Curvature::Separate;
+        let curvature = if self.space.reference_reward < 0.0 && bends_apart {
             Parameter::Beta
         } else {
             Parameter::Alpha
         };
         // ln θ = ln τ − ln |v(R_ref)|, and ln |v(R_ref)| = β ln |R_ref| + ln λ for a loss.
-        let ln_size = self.reference_reward.abs().ln();
-        let bend = if self.model.is_free(curvature) {
-            ln_size * ln_size * self.priors.of(curvature).variance()
+        let ln_size = self.space.reference_reward.abs().ln();
+        let bend = if self.space.model.is_free(curvature) {
+            ln_size * ln_size * self.space.priors.of(curvature).variance()
         } else {
             0.0
         };
-        let aversion = if self.reference_reward < 0.0 && self.model.is_free(Parameter::Lambda) {
-            self.priors.lambda.ln_variance()
-        } else {
-            0.0
-        };
+        let aversion =
+            if self.space.reference_reward < 0.0 && self.space.model.is_free(Parameter::Lambda) {
+                self.space.priors.lambda.ln_variance()
+            } else {
+                0.0
+            };
         match quantity {
             Quantity::Parameter(Parameter::Theta) => tau + bend + aversion,
             Quantity::LambdaTheta => tau + bend,
-            Quantity::Parameter(parameter) => self.priors.of(parameter).coordinate_variance(),
-            Quantity::Tau => self.priors.tau.coordinate_variance(),
+            Quantity::Parameter(parameter) => self.space.priors.of(parameter).coordinate_variance(),
+            Quantity::Tau => self.space.priors.tau.coordinate_variance(),
         }
     }
 
@@ -189,8 +187,8 @@ impl Posterior {
     pub(super) fn coordinate(&self, quantity: Quantity, value: f64) -> f64 {
         let coordinate = match quantity {
             Quantity::Parameter(Parameter::Theta) | Quantity::LambdaTheta => value.ln(),
-            Quantity::Parameter(parameter) => self.priors.of(parameter).coordinate(value),
-            Quantity::Tau => self.priors.tau.coordinate(value),
+            Quantity::Parameter(parameter) => self.space.priors.of(parameter).coordinate(value),
+            Quantity::Tau => self.space.priors.tau.coordinate(value),
         };
         // A value that rounding put on a bound lies somewhere beyond 36, where the logit ends.
         coordinate.clamp(-700.0, 700.0)
@@ -198,250 +196,228 @@ impl Posterior {
 
     /// The parameters with those set that follow from others.
     pub(super) fn complete(&self, parameters: Parameters) -> Parameters {
-        self.model.complete(parameters)
-    }
-
-    /// ln L at any parameters.
-    pub(super) fn ln_likelihood(&mut self, parameters: &Parameters) -> f64 {
-        self.likelihood.ln_likelihood(parameters)
-    }
-
-    /// ln L when all actions are equally likely.
-    pub(super) fn ln_likelihood_at_random(&mut self) -> f64 {
-        let blind = with(Parameters::ONES, Parameter::Theta, 0.0);
-        self.likelihood.ln_likelihood(&blind)
-    }
-
-    /// The shift s − ln τ at these parameters.
-    pub(super) fn funnel(&mut self, parameters: &Parameters) -> f64 {
-        let reference = self.reference_value(parameters);
-        let squared = self.likelihood.mean_squared_spread(parameters) / (reference * reference);
-        let squared = if squared.is_finite() { squared } else { 0.0 };
-        0.5 * (SPREAD_FLOOR * SPREAD_FLOOR + squared).ln()
+        self.space.complete(parameters)
     }
 
     /// |v(R_ref)| at these parameters.
     pub(super) fn reference_value(&self, parameters: &Parameters) -> f64 {
-        let [alpha, beta, lambda] =
-            [Parameter::Alpha, Parameter::Beta, Parameter::Lambda].map(|name| parameters.get(name));
-        value(self.reference_reward, alpha, beta, lambda).abs()
+        self.space.reference_value(parameters)
     }
 
-    /// The parameters and τ at a position; inert ones have the prior's quantile that `inert` gives for each.
-    pub(super) fn point(
-        &mut self,
-        position: &[f64],
-        inert: &mut dyn FnMut(Parameter) -> f64,
-    ) -> Point {
-        let mut parameters = Parameters::ONES;
-        let mut tau = None;
-        for index in 0..self.inert.len() {
-            let parameter = self.inert[index];
-            let value = self
-                .priors
-                .of(parameter)
-                .quantile(inert(parameter).max(f64::MIN_POSITIVE));
-            if parameter == Parameter::Theta {
-                tau = Some(value);
-            } else {
-                parameters = with(parameters, parameter, value);
-            }
-        }
-        for (parameter, coordinate) in self.moved.iter().zip(position) {
-            if *parameter != Parameter::Theta {
-                let value = self.priors.of(*parameter).value(*coordinate);
-                parameters = with(parameters, *parameter, value);
-            }
-        }
-        let parameters = self.complete(parameters);
-        let tau = match tau {
-            Some(tau) => tau,
-            None => {
-                // θ is the last parameter of every model, and so τ the last coordinate.
-                let shift = if self.has_funnel() {
-                    self.funnel(&parameters)
-                } else {
-                    0.0
-                };
-                self.priors.tau.value(position[position.len() - 1] - shift)
-            }
-        };
-        let theta = (tau / self.reference_value(&parameters)).min(f64::MAX);
-        Point {
-            parameters: with(parameters, Parameter::Theta, theta),
-            tau,
-        }
-    }
-
-    fn has_funnel(&self) -> bool {
-        matches!(self.priors.tau, Prior::LogNormal { .. })
-    }
-
-    /// Point `index` of a lattice over the prior of the model's parameters.
-    fn prior_point(&self, index: usize) -> Point {
-        let count = self.model.parameters.len();
-        // The root of x^(d+1) = x + 1 gives the most evenly spread lattice in d dimensions.
-        let golden = (0..64).fold(2.0_f64, |x, _| (1.0 + x).powf(1.0 / (count as f64 + 1.0)));
-        let mut parameters = Parameters::ONES;
-        let mut tau = 1.0;
-        for (position, parameter) in self.model.parameters.iter().enumerate() {
-            let slope = golden.powi(-(position as i32 + 1));
-            let at = (0.5 + (index as f64 + 1.0) * slope).fract();
-            let value = self
-                .priors
-                .of(*parameter)
-                .quantile(at.clamp(1e-12, 1.0 - 1e-12));
-            if *parameter == Parameter::Theta {
-                tau = value;
-            } else {
-                parameters = with(parameters, *parameter, value.max(f64::MIN_POSITIVE));
-            }
-        }
-        let parameters = self.complete(parameters);
-        let theta = (tau / self.reference_value(&parameters)).min(f64::MAX);
-        Point {
-            parameters: with(parameters, Parameter::Theta, theta),
-            tau,
-        }
-    }
-
-    /// Whether no utility gap, with the reference reward worth one logit, depends on the parameter. For θ: whether
-    /// there is no gap at all.
-    fn is_inert(&mut self, parameter: Parameter) -> bool {
-        for probe in 0..PROBES {
-            let here = self.prior_point(probe).parameters;
-            let gaps = self.unit_gaps(&here);
-            let size = gaps.iter().fold(0.0_f64, |size, gap| size.max(gap.abs()));
-            if parameter == Parameter::Theta {
-                if size > INERT_TOLERANCE {
-                    return false;
-                }
-                continue;
-            }
-            let other = self.prior_point(probe + 1).parameters.get(parameter);
-            let moved = self.unit_gaps(&self.complete(with(here, parameter, other)));
-            let same = gaps
-                .iter()
-                .zip(&moved)
-                .all(|(before, after)| (before - after).abs() <= INERT_TOLERANCE * (1.0 + size));
-            if !same {
-                return false;
-            }
-        }
-        true
-    }
-
-    fn unit_gaps(&mut self, parameters: &Parameters) -> Vec<f64> {
-        let reference = self.reference_value(parameters);
+    /// ln L at any parameters.
+    pub(super) fn ln_likelihood(&mut self, parameters: &Parameters) -> f64 {
+        let theta = parameters.get(Parameter::Theta);
         self.likelihood
-            .gaps(parameters)
-            .into_iter()
-            .map(|gap| gap / reference)
-            .collect()
+            .ln_likelihood(&lanes_of(parameters), |_| [theta])[0]
+    }
+
+    /// ln L when all actions are equally likely.
+    pub(super) fn ln_likelihood_at_random(&mut self) -> f64 {
+        self.ln_likelihood(&with(Parameters::ONES, Parameter::Theta, 0.0))
+    }
+
+    /// ln posterior density at one position.
+    pub(super) fn ln_density(&mut self, position: &[f64]) -> f64 {
+        let positions: Vec<[f64; 1]> = position.iter().map(|x| [*x]).collect();
+        self.evaluate(&positions).posterior()[0]
+    }
+
+    /// The shift s − ln τ at these parameters.
+    pub(super) fn funnel(&mut self, parameters: &Parameters) -> f64 {
+        let parameters: ParameterLanes<1> = lanes_of(parameters);
+        let reference = self.space.reference_lanes(&parameters);
+        let squares = self.likelihood.mean_squared_spread(&parameters);
+        funnel_lanes(&squares, &reference)[0]
+    }
+
+    /// The parameters and τ at a position; inert ones have the prior's median.
+    pub(super) fn point(&mut self, position: &[f64]) -> Point {
+        let positions: Vec<[f64; 1]> = position.iter().map(|x| [*x]).collect();
+        let mut parameters = lanes_of(&self.space.rest);
+        self.space.place(&positions, &mut parameters);
+        let point = self.complete_lanes(&positions, parameters, [self.space.rest_tau]);
+        let mut found = Parameters::ONES;
+        for (name, values) in Parameter::ALL.into_iter().zip(point.parameters) {
+            found = with(found, name, values[0]);
+        }
+        Point {
+            parameters: found,
+            tau: point.tau[0],
+        }
+    }
+
+    /// The point at these positions, whose parameters but θ are there already.
+    #[inline(always)]
+    fn complete_lanes<const W: usize>(
+        &mut self,
+        positions: &[[f64; W]],
+        mut parameters: ParameterLanes<W>,
+        mut tau: [f64; W],
+    ) -> LanePoint<W> {
+        let reference = self.space.reference_lanes(&parameters);
+        if self.space.moves_tau() {
+            let squares = self.likelihood.mean_squared_spread(&parameters);
+            tau = self
+                .space
+                .tau_lanes(&positions[positions.len() - 1], &squares, &reference)
+                .0;
+        }
+        parameters[Parameter::Theta as usize] = theta_lanes(&tau, &reference);
+        LanePoint { parameters, tau }
+    }
+
+    /// The parameters that no utility gap, with the reference reward worth one logit, depends on; θ if there is no gap
+    /// at all.
+    fn find_inert(&mut self) -> Vec<Parameter> {
+        let points: Vec<Parameters> = self
+            .space
+            .prior_points(PROBES + 1)
+            .map(|point| point.parameters)
+            .collect();
+        let here: ParameterLanes<PROBES> =
+            Parameter::ALL.map(|name| array::from_fn(|probe| points[probe].get(name)));
+        let gaps = self.unit_gaps(&here);
+        let mut sizes = [0.0_f64; PROBES];
+        for gap in &gaps {
+            sizes = array::from_fn(|probe| sizes[probe].max(gap[probe].abs()));
+        }
+        let mut inert = Vec::new();
+        for name in self.space.model.parameters {
+            let depends = if *name == Parameter::Theta {
+                sizes.iter().any(|size| *size > INERT_TOLERANCE)
+            } else {
+                let mut there = here;
+                there[*name as usize] = array::from_fn(|probe| points[probe + 1].get(*name));
+                if self.space.model.curvature == Curvature::Shared {
+                    there[Parameter::Beta as usize] = there[Parameter::Alpha as usize];
+                }
+                let moved = self.unit_gaps(&there);
+                let same = |before: &[f64; PROBES], after: &[f64; PROBES]| {
+                    (0..PROBES).all(|probe| {
+                        let change = (before[probe] - after[probe]).abs();
+                        change <= INERT_TOLERANCE * (1.0 + sizes[probe])
+                    })
+                };
+                !gaps
+                    .iter()
+                    .zip(&moved)
+                    .all(|(before, after)| same(before, after))
+            };
+            if !depends {
+                inert.push(*name);
+            }
+        }
+        inert
+    }
+
+    fn unit_gaps(&mut self, parameters: &ParameterLanes<PROBES>) -> Vec<[f64; PROBES]> {
+        let reference = self.space.reference_lanes(parameters);
+        let mut gaps = self.likelihood.gaps(parameters);
+        for gap in &mut gaps {
+            *gap = array::from_fn(|probe| gap[probe] / reference[probe]);
+        }
+        gaps
     }
 }
 
 impl LogDensity for Posterior {
     fn dimension(&self) -> usize {
-        self.moved.len()
+        self.space.moved.len()
     }
 
-    fn evaluate(&mut self, position: &[f64]) -> LnDensity {
-        let point = self.point(position, &mut |_| 0.5);
-        let mut prior = 0.0;
-        for (parameter, coordinate) in self.moved.iter().zip(position) {
-            // Without a funnel τ's coordinate is its prior's, like that of the others.
-            prior += if *parameter == Parameter::Theta && self.has_funnel() {
-                self.priors.tau.ln_density(point.tau.ln())
+    #[inline]
+    fn evaluate<const W: usize>(&mut self, positions: &[[f64; W]]) -> LnDensities<W> {
+        self.instructions.run(Evaluate {
+            posterior: self,
+            positions,
+        })
+    }
+
+    fn draw_prior<const W: usize>(&mut self, random: &mut LaneRandom, positions: &mut [[f64; W]]) {
+        for (coordinate, position) in self.space.coordinates.iter().zip(positions.iter_mut()) {
+            coordinate.draw(random, position);
+        }
+        if self.space.moves_tau() && self.space.has_funnel() {
+            let mut parameters = lanes_of(&self.space.rest);
+            self.space.place(positions, &mut parameters);
+            let reference = self.space.reference_lanes(&parameters);
+            let squares = self.likelihood.mean_squared_spread(&parameters);
+            let shift = funnel_lanes(&squares, &reference);
+            let last = positions.len() - 1;
+            for lane in 0..W {
+                positions[last][lane] += shift[lane];
+            }
+        }
+    }
+}
+
+/// The posterior density at a block of positions.
+struct Evaluate<'a, const W: usize> {
+    posterior: &'a mut Posterior,
+    positions: &'a [[f64; W]],
+}
+
+impl<const W: usize> Kernel for Evaluate<'_, W> {
+    type Output = LnDensities<W>;
+
+    #[inline(always)]
+    fn run(self) -> LnDensities<W> {
+        let Self {
+            posterior,
+            positions,
+        } = self;
+        let mut parameters = lanes_of(&posterior.space.rest);
+        let mut prior = posterior.space.place(positions, &mut parameters);
+        let reference = posterior.space.reference_lanes(&parameters);
+        let space = &posterior.space;
+        let likelihood = posterior.likelihood.ln_likelihood(&parameters, |squares| {
+            let mut tau = [space.rest_tau; W];
+            if space.moves_tau() {
+                let last = &positions[positions.len() - 1];
+                let (moved, density) = space.tau_lanes(last, squares, &reference);
+                tau = moved;
+                for lane in 0..W {
+                    prior[lane] += density[lane];
+                }
+            }
+            theta_lanes(&tau, &reference)
+        });
+        LnDensities { prior, likelihood }
+    }
+}
+
+/// The parameters at a block of positions, with inert ones drawn from their prior.
+struct Locate<'a> {
+    posterior: &'a mut Posterior,
+    positions: &'a [[f64; BLOCK]],
+    random: &'a mut LaneRandom,
+}
+
+impl Kernel for Locate<'_> {
+    type Output = LanePoint<BLOCK>;
+
+    #[inline(always)]
+    fn run(self) -> LanePoint<BLOCK> {
+        let Self {
+            posterior,
+            positions,
+            random,
+        } = self;
+        let mut parameters = lanes_of(&posterior.space.rest);
+        let mut tau = [posterior.space.rest_tau; BLOCK];
+        for name in &posterior.space.inert {
+            let coordinate = Coordinate::of(posterior.space.priors.of(*name));
+            let mut position = [0.0; BLOCK];
+            coordinate.draw(random, &mut position);
+            let (mut ln_prior, mut product) = ([0.0; BLOCK], [1.0; BLOCK]);
+            let values = if *name == Parameter::Theta {
+                &mut tau
             } else {
-                self.priors.of(*parameter).ln_density(*coordinate)
+                &mut parameters[*name as usize]
             };
+            coordinate.place(&position, values, &mut ln_prior, &mut product);
         }
-        LnDensity {
-            prior,
-            likelihood: self.likelihood.ln_likelihood(&point.parameters),
-        }
+        posterior.space.place(positions, &mut parameters);
+        posterior.complete_lanes(positions, parameters, tau)
     }
-
-    fn draw_prior(&mut self, rng: &mut ChaCha12Rng) -> Vec<f64> {
-        let mut position = Vec::with_capacity(self.moved.len());
-        let mut parameters = Parameters::ONES;
-        for parameter in &self.inert {
-            if *parameter != Parameter::Theta {
-                parameters = with(
-                    parameters,
-                    *parameter,
-                    self.priors.of(*parameter).quantile(0.5),
-                );
-            }
-        }
-        for index in 0..self.moved.len() {
-            let parameter = self.moved[index];
-            let prior = self.priors.of(parameter);
-            let at: f64 = rng.random();
-            let value = prior.quantile(at.clamp(1e-15, 1.0 - 1e-15));
-            let mut coordinate = prior.coordinate(value);
-            if parameter != Parameter::Theta {
-                parameters = with(parameters, parameter, prior.value(coordinate));
-            } else if self.has_funnel() {
-                coordinate += self.funnel(&self.complete(parameters));
-            }
-            position.push(coordinate);
-        }
-        position
-    }
-}
-
-/// The posterior density of a model on the coordinates that a fit moves, for measurements and checks.
-#[derive(Debug, Clone)]
-pub struct LnPosterior(Posterior);
-
-impl LnPosterior {
-    /// The posterior that [`fit`](super::fit()) draws from.
-    ///
-    /// # Errors
-    /// As [`fit`](super::fit()).
-    pub fn new(
-        model: &'static ChoiceModel,
-        data: &ChoiceData,
-        settings: &FitSettings,
-    ) -> Result<Self, FitError> {
-        settings.posterior(model, data).map(Self)
-    }
-
-    /// How many coordinates there are: inert parameters have none.
-    pub fn dimension(&self) -> usize {
-        self.0.dimension()
-    }
-
-    /// ln posterior density at a position, without the marginal likelihood.
-    pub fn at(&mut self, position: &[f64]) -> f64 {
-        self.0.evaluate(position).posterior()
-    }
-}
-
-/// One point of the parameter space.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Point {
-    pub(super) parameters: Parameters,
-    pub(super) tau: f64,
-}
-
-impl Point {
-    fn get(&self, quantity: Quantity) -> f64 {
-        match quantity {
-            Quantity::Parameter(parameter) => self.parameters.get(parameter),
-            Quantity::Tau => self.tau,
-            Quantity::LambdaTheta => {
-                self.parameters.get(Parameter::Lambda) * self.parameters.get(Parameter::Theta)
-            }
-        }
-    }
-}
-
-/// The parameters with one of them changed to a value from its prior, which [`Priors::check`] keeps in range.
-fn with(parameters: Parameters, parameter: Parameter, value: f64) -> Parameters {
-    parameters
-        .with(parameter, value)
-        .expect("priors stay within the range of their parameter")
 }

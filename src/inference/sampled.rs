@@ -2,13 +2,14 @@
 
 use std::ops::{ControlFlow, Range};
 
-use rand_chacha::ChaCha12Rng;
-
-use super::accuracy::{CellAccuracy, ln_divergence};
+use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile};
+use super::lanes::{InstructionSet, Kernel, exp, ln};
 use super::likelihood::Predictor;
 use super::posterior::Posterior;
-use super::sampler::{Chains, Proposal, Watch, ln_evidence, random_stream, run_chains, warm_up};
+use super::sampler::{
+    Chains, Cloud, Proposal, Run, Watch, adapt, ln_evidence, random_stream, run_chains, warm_up,
+};
 use super::summary::{Diagnostics, Estimate, PredictedShare, QuantityDiagnostics};
 use super::{ChoiceData, Draws, FitError, FitSettings, FittedProblem, Progress};
 use crate::model::OrderedMap;
@@ -22,6 +23,15 @@ const MAX_ROUNDS: u32 = 6;
 /// Below this share of accepted proposals the proposal is fitted again, even if the chains agree.
 const LOW_ACCEPTANCE: f64 = 0.15;
 
+/// Below this share a warm fit's proposal is fitted again.
+const WARM_ACCEPTANCE: f64 = 0.3;
+
+/// Rounds after which a warm fit gives way to a cold one.
+const WARM_ROUNDS: u32 = 3;
+
+/// Rounds of expectation maximisation that bring the proposal for the next fit up to date.
+const WARM_FIT_ROUNDS: usize = 3;
+
 /// Independent samples are at least this many integrated autocorrelation times apart.
 const SAMPLE_SPACING: f64 = 3.0;
 
@@ -31,6 +41,15 @@ const REFIT_POINTS: usize = 1000;
 /// Random streams far above those of chains.
 const INERT_STREAM: u64 = 1 << 40;
 const EVIDENCE_STREAM: u64 = 1 << 41;
+const ADAPTATION_STREAM: u64 = 1 << 42;
+
+/// What one fit leaves for the next: a proposal, points to start from, and how far apart draws had to be.
+#[derive(Debug, Clone)]
+pub(super) struct Warm {
+    proposal: Proposal,
+    points: Cloud,
+    steps: usize,
+}
 
 /// Draws with all that is read off them.
 pub(super) struct Sampled {
@@ -48,145 +67,249 @@ pub(super) struct Sampled {
     pub(super) ln_evidence: Option<Estimate>,
     /// Positions to climb from.
     pub(super) points: Vec<Vec<f64>>,
+    /// Nothing if no parameter moves.
+    pub(super) warm: Option<Warm>,
 }
 
-/// Warms up, runs chains, and runs them on until they have converged or the bound is reached.
-pub(super) fn sample(
-    posterior: &mut Posterior,
-    predictor: &mut Predictor,
-    data: &ChoiceData,
-    settings: &FitSettings,
-    watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Result<Sampled, FitError> {
-    let seed = settings.seed;
-    let warm = warm_up(posterior, seed, &mut || watch(Progress::WarmingUp))?;
-    let mut proposal = warm.proposal.clone();
-    let mut starts = warm.starts(settings.chains);
-    let mut steps = FIRST_STEPS;
-    let mut round = 0;
-    loop {
-        let mut inner: Box<Watch<'_>> = Box::new(|| watch(Progress::Sampling { round: round + 1 }));
-        let chains = run_chains(
-            posterior,
-            &proposal,
-            &starts,
-            seed,
-            u64::from(round),
-            settings.draws,
-            steps,
-            &mut inner,
-        )?;
-        drop(inner);
-        let mut rng = random_stream(seed, INERT_STREAM + u64::from(round));
-        let mut sampled = Sampled::of(
-            posterior,
-            predictor,
-            data,
-            settings,
-            &chains.positions,
+/// Draws from a posterior: what stays the same from round to round.
+pub(super) struct Sampling<'a> {
+    pub(super) posterior: &'a mut Posterior,
+    pub(super) predictor: &'a mut Predictor,
+    pub(super) data: &'a ChoiceData,
+    pub(super) settings: &'a FitSettings,
+}
+
+impl Sampling<'_> {
+    /// Warms up, runs chains, and runs them on until they have converged or the bound is reached.
+    pub(super) fn cold(
+        &mut self,
+        watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    ) -> Result<Sampled, FitError> {
+        let seed = self.settings.seed;
+        let mut warming: Box<Watch<'_>> = Box::new(|| watch(Progress::WarmingUp));
+        let warm = warm_up(self.posterior, seed, &mut warming)?;
+        let mut rng = random_stream(seed, ADAPTATION_STREAM);
+        let mut proposal = adapt(
+            self.posterior,
+            warm.proposal.clone(),
             &mut rng,
-        );
-        round += 1;
-        let last = round == MAX_ROUNDS;
-        if last || (sampled.converged && chains.acceptance >= LOW_ACCEPTANCE) {
-            let mut rng = random_stream(seed, EVIDENCE_STREAM);
-            let (value, se) = ln_evidence(
-                posterior,
-                &proposal,
-                settings.chains * settings.draws,
-                &mut rng,
-            );
-            sampled.ln_evidence =
-                (value.is_finite() && se.is_finite()).then_some(Estimate { value, se });
-            sampled.steps_per_draw = steps;
-            sampled.acceptance = Some(chains.acceptance);
-            sampled.points = thinned(&chains, REFIT_POINTS);
-            return Ok(sampled);
+            &mut warming,
+        )?;
+        drop(warming);
+        let mut starts = warm.starts(self.settings.chains);
+        let mut steps = FIRST_STEPS;
+        let mut round = 0;
+        loop {
+            round += 1;
+            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let satisfies = chains.acceptance >= LOW_ACCEPTANCE;
+            if let Some(sampled) = self.read(&chains, round, satisfies, round == MAX_ROUNDS) {
+                return Ok(self.finish(sampled, &chains, &proposal, steps));
+            }
+            // Warm-up points stay in: chains that miss a mode must not teach the proposal to miss it too.
+            let mut points = warm.points.clone();
+            points.extend(&chains.thinned(REFIT_POINTS));
+            proposal = Proposal::fit(&points, 16, seed.wrapping_add(u64::from(round)));
+            proposal = adapt(self.posterior, proposal, &mut rng, &mut || {
+                watch(Progress::Sampling { round })
+            })?;
+            starts = chains.ends();
+            steps *= 2;
         }
-        // Warm-up points stay in: chains that miss a mode must not teach the proposal to miss it too.
-        let mut points = warm.points.clone();
-        points.extend(thinned(&chains, REFIT_POINTS));
-        proposal = Proposal::fit(&points, 12, seed.wrapping_add(u64::from(round)));
-        starts = chains
-            .positions
-            .iter()
-            .map(|chain| chain[chain.len() - 1].clone())
-            .collect();
-        steps *= 2;
     }
-}
 
-fn thinned(chains: &Chains, count: usize) -> Vec<Vec<f64>> {
-    let total: usize = chains.positions.iter().map(Vec::len).sum();
-    chains
-        .positions
-        .iter()
-        .flatten()
-        .step_by((total / count).max(1))
-        .cloned()
-        .collect()
-}
+    /// Runs chains from where an earlier fit ended. Nothing if that does not serve: the proposal hardly fits, or the
+    /// chains do not converge.
+    pub(super) fn warm(
+        &mut self,
+        earlier: &Warm,
+        watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    ) -> Result<Option<Sampled>, FitError> {
+        let stride = (earlier.points.len() / self.settings.chains).max(1);
+        let start = |chain: usize| earlier.points.point(chain * stride % earlier.points.len());
+        let mut starts: Vec<Vec<f64>> = (0..self.settings.chains).map(start).collect();
+        let mut proposal = earlier.proposal.clone();
+        let mut steps = earlier.steps;
+        for round in 1..=WARM_ROUNDS {
+            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let satisfies = chains.acceptance >= WARM_ACCEPTANCE;
+            if let Some(sampled) = self.read(&chains, round, satisfies, false) {
+                return Ok(Some(self.finish(sampled, &chains, &proposal, steps)));
+            }
+            if satisfies {
+                steps *= 2;
+            }
+            let seed = self.settings.seed;
+            let mut rng = random_stream(seed, ADAPTATION_STREAM + u64::from(round));
+            proposal = adapt(self.posterior, proposal, &mut rng, &mut || {
+                watch(Progress::Sampling { round })
+            })?;
+            starts = chains.ends();
+        }
+        Ok(None)
+    }
 
-impl Sampled {
-    /// When choices say nothing: independent draws from the prior.
-    pub(super) fn prior(
-        posterior: &mut Posterior,
-        predictor: &mut Predictor,
-        data: &ChoiceData,
-        settings: &FitSettings,
-    ) -> Self {
-        let mut rng = random_stream(settings.seed, INERT_STREAM);
-        let positions = vec![vec![Vec::new(); settings.draws]; settings.chains];
-        let mut sampled = Self::of(posterior, predictor, data, settings, &positions, &mut rng);
-        // Nothing depends on the parameters, the likelihood least of all.
-        sampled.ln_evidence = Some(Estimate {
-            value: posterior.ln_likelihood_at_random(),
-            se: 0.0,
+    fn run(
+        &mut self,
+        proposal: &Proposal,
+        starts: &[Vec<f64>],
+        steps: usize,
+        round: u32,
+        watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+    ) -> Result<Chains, FitError> {
+        let run = Run {
+            seed: self.settings.seed,
+            stream: u64::from(round) << 32,
+            draws: self.settings.draws,
+            steps,
+        };
+        let mut watch = || watch(Progress::Sampling { round });
+        Ok(run_chains(
+            self.posterior,
+            proposal,
+            starts,
+            run,
+            &mut watch,
+        )?)
+    }
+
+    /// What chains say, if they satisfy or are the last.
+    fn read(
+        &mut self,
+        chains: &Chains,
+        round: u32,
+        satisfies: bool,
+        is_last: bool,
+    ) -> Option<Sampled> {
+        if !satisfies && !is_last {
+            return None;
+        }
+        let mut rng = random_stream(self.settings.seed, INERT_STREAM + u64::from(round));
+        let draws = self.posterior.draws(chains, &mut rng);
+        Sampled::of(draws, self.predictor, self.data, self.settings, is_last)
+    }
+
+    fn finish(
+        &mut self,
+        mut sampled: Sampled,
+        chains: &Chains,
+        proposal: &Proposal,
+        steps: usize,
+    ) -> Sampled {
+        let mut rng = random_stream(self.settings.seed, EVIDENCE_STREAM);
+        let draws = self.settings.chains * self.settings.draws;
+        let (value, se) = ln_evidence(self.posterior, proposal, draws, &mut rng);
+        sampled.ln_evidence =
+            (value.is_finite() && se.is_finite()).then_some(Estimate { value, se });
+        sampled.steps_per_draw = steps;
+        sampled.acceptance = Some(chains.acceptance);
+        let points = chains.thinned(REFIT_POINTS);
+        sampled.points = points.points();
+        sampled.warm = Some(Warm {
+            proposal: proposal.refit(&points, WARM_FIT_ROUNDS),
+            points,
+            steps,
         });
         sampled
     }
 
+    /// When choices say nothing: independent draws from the prior.
+    pub(super) fn prior(&mut self) -> Sampled {
+        let chains = Chains {
+            chains: self.settings.chains,
+            per_chain: self.settings.draws,
+            coordinates: Vec::new(),
+            acceptance: 1.0,
+        };
+        let mut sampled = self
+            .read(&chains, 0, true, true)
+            .expect("what is last is read");
+        // Nothing depends on the parameters, the likelihood least of all.
+        sampled.ln_evidence = Some(Estimate {
+            value: self.posterior.ln_likelihood_at_random(),
+            se: 0.0,
+        });
+        sampled
+    }
+}
+
+/// ln KL of each draw, good to a thousandth: enough for its autocorrelation.
+struct LnDivergences<'a> {
+    observed: &'a [f64],
+    ln_predicted: &'a [Vec<f64>],
+}
+
+impl Kernel for LnDivergences<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f64> {
+        let mut divergences = vec![0.0; self.ln_predicted[0].len()];
+        for (share, column) in self.observed.iter().zip(self.ln_predicted) {
+            for (sum, ln_p) in divergences.iter_mut().zip(column) {
+                let p = exp(*ln_p);
+                // Σ f (x − ln(1 + x)) with x = (p − f)/f, as in the accuracy's own formula.
+                let x = (p - share) / share;
+                let term = if x.abs() < 1e-4 {
+                    x * x * (0.5 - x / 3.0)
+                } else {
+                    x - (ln_p - ln(*share))
+                };
+                *sum += if *share > 0.0 { share * term } else { p };
+            }
+        }
+        for value in &mut divergences {
+            // The floor keeps an exact hit finite: it is the square of the rounding error.
+            let ln_kl = ln(*value);
+            *value = if ln_kl > -75.0 { ln_kl } else { -75.0 };
+        }
+        divergences
+    }
+}
+
+impl Sampled {
+    /// What draws say; nothing if they have not converged, unless they are the last.
     fn of(
-        posterior: &mut Posterior,
+        draws: Draws,
         predictor: &mut Predictor,
         data: &ChoiceData,
         settings: &FitSettings,
-        positions: &[Vec<Vec<f64>>],
-        rng: &mut ChaCha12Rng,
-    ) -> Self {
-        let draws = posterior.draws(positions, rng);
-        let actions = data
-            .problems()
-            .iter()
-            .map(|problem| problem.problem.actions().len())
-            .sum();
-        let mut ln_predicted = vec![Vec::with_capacity(draws.len()); actions];
-        for draw in 0..draws.len() {
-            let ln_p = predictor.ln_probabilities(&draws.parameters(draw));
-            for (column, ln_p) in ln_predicted.iter_mut().zip(ln_p) {
-                column.push(ln_p);
+        is_last: bool,
+    ) -> Option<Self> {
+        let mut convergence = Vec::with_capacity(draws.columns.len());
+        for (_, values) in &draws.columns {
+            let found = Convergence::of(&draws.by_chain(values));
+            if !found.is_converged() && !is_last {
+                return None;
             }
+            convergence.push(found);
         }
-        let convergence: Vec<Convergence> = draws
-            .columns
-            .iter()
-            .map(|(_, values)| Convergence::of(&draws.by_chain(values)))
-            .collect();
+        let ln_predicted = predictor.of_draws(&draws);
         let mut sampled = Self {
             draws,
             ln_predicted,
             convergence,
-            predicted_convergence: Vec::new(),
+            predicted_convergence: Vec::with_capacity(data.problems().len()),
             converged: false,
             sample_indices: Vec::new(),
             steps_per_draw: 1,
             acceptance: None,
             ln_evidence: None,
             points: Vec::new(),
+            warm: None,
         };
-        sampled.predicted_convergence = (0..data.problems().len())
-            .map(|problem| sampled.problem_convergence(predictor.range(problem)))
-            .collect();
+        for problem in 0..data.problems().len() {
+            let same = predictor.same_as(problem);
+            let found = if same < problem {
+                sampled.predicted_convergence[same]
+            } else {
+                sampled.problem_convergence(predictor.range(problem))
+            };
+            if found.is_some_and(|found| !found.is_converged()) && !is_last {
+                return None;
+            }
+            sampled.predicted_convergence.push(found);
+        }
         let of_predicted = sampled.predicted_convergence.iter().flatten();
         let agree = sampled
             .convergence
@@ -196,7 +319,7 @@ impl Sampled {
         sampled.sample_indices = sampled.spaced_samples(settings.samples);
         let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
         sampled.converged = agree && spacing >= sampled.needed_spacing(data, predictor);
-        sampled
+        (sampled.converged || is_last).then_some(sampled)
     }
 
     /// The worst convergence of the probabilities of one problem's actions, but the last, which follows.
@@ -248,16 +371,10 @@ impl Sampled {
                 .iter()
                 .map(|count| *count as f64 / n as f64)
                 .collect();
-            let values: Vec<f64> = (0..self.draws.len())
-                .map(|draw| {
-                    let ln_kl = ln_divergence(
-                        &observed,
-                        &self.ln_predictions(draw, predictor.range(problem)),
-                    );
-                    // The floor keeps an exact hit finite: it is the square of the rounding error.
-                    ln_kl.unwrap_or(-75.0).clamp(-75.0, 75.0)
-                })
-                .collect();
+            let values = InstructionSet::widest().run(LnDivergences {
+                observed: &observed,
+                ln_predicted: &self.ln_predicted[predictor.range(problem)],
+            });
             longest = longest.max(diagnostics::autocorrelation_time(
                 &self.draws.by_chain(&values),
             ));

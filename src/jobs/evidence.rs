@@ -15,10 +15,10 @@ use super::{
     Catalogue, RuleText, Snapshot,
     lane::{Done, Ended, Lane},
     looks::{Looks, bound},
-    plan_comparison::{ComparisonInput, FittedProblems, known_fits},
+    plan_comparison::{AskedCells, ComparisonFailure, ComparisonInput, known_fits},
 };
 use crate::{
-    inference::{FitError, comparison::Comparison, sequential::Look},
+    inference::{FitError, sequential::Look},
     store::{self, Change, Checkpoint, NewCheckpoints, NewComparison, Population, Reached, Store},
     study::{PlanId, StudyId},
 };
@@ -79,6 +79,8 @@ pub async fn run(
         }
     }
 }
+
+type Compared = Result<String, ComparisonFailure>;
 
 struct Evidence {
     store: Store,
@@ -260,12 +262,12 @@ impl Evidence {
             return Ok(false);
         };
         let counts = self.store.cell_counts(id, self.population).await?;
-        let fitted = FittedProblems::new(&snapshot.study, &counts);
+        let asked = AskedCells::new(&snapshot.study, &counts);
         let patterns = self
             .store
-            .patterns(id, self.population, snapshot.analysis_set(), &fitted.ids())
+            .patterns(id, self.population, snapshot.analysis_set(), &asked.ids())
             .await?;
-        let input = ComparisonInput::new(snapshot, plan, &fitted, &patterns);
+        let input = ComparisonInput::new(snapshot, plan, &asked, &patterns);
         let Some(input) = input.filter(|input| {
             let stored = snapshot.comparison(&plan.id);
             stored.is_none_or(|stored| stored.input_hash != input.hash)
@@ -304,8 +306,10 @@ impl Evidence {
         };
         new.cpu_ms = done.cpu_ms();
         new.outcome = match done.result {
-            Ok(Ok(report)) => Ok(json(&report)?),
-            Ok(Err(FitError::Stopped)) => return Ok(!self.stop.is_cancelled()),
+            Ok(Ok(report)) => Ok(report),
+            Ok(Err(ComparisonFailure::Fit(FitError::Stopped))) => {
+                return Ok(!self.stop.is_cancelled());
+            }
             Ok(Err(error)) => Err(error.to_string()),
             Err(panic) => Err(panic),
         };
@@ -324,8 +328,8 @@ impl Evidence {
         population: Population,
         data_version: i64,
         cancel: &CancellationToken,
-        work: impl Future<Output = Result<Done<Result<Comparison, FitError>>, Ended>>,
-    ) -> Result<Done<Result<Comparison, FitError>>, Ended> {
+        work: impl Future<Output = Result<Done<Compared>, Ended>>,
+    ) -> Result<Done<Compared>, Ended> {
         tokio::pin!(work);
         loop {
             tokio::select! {

@@ -2,6 +2,7 @@
 
 use std::{collections::HashMap, ops::ControlFlow, sync::Arc};
 
+use serde::{Deserialize, Serialize};
 use tokio_util::sync::CancellationToken;
 
 use super::{
@@ -12,7 +13,9 @@ use crate::{
     inference::{
         ChoiceData, FitError, FitSettings, FittedProblem, Group,
         comparison::{
-            Comparison, ComparisonSettings, KnownFit, PartFit, PlanData, Unit, compare_models,
+            AskedCell, BootstrapSettings, ChoiceTests, Comparison, ComparisonSettings,
+            FactorLevels, KnownFit, PartFit, PlanData, Resampling, Unit, choice_tests,
+            compare_models,
         },
     },
     model::ChoiceModel,
@@ -27,6 +30,8 @@ pub struct PlanComparison {
     pub plan: PlanId,
     /// What it found, or why it found nothing.
     pub report: Result<Arc<Comparison>, String>,
+    /// What the choices of all cells say without a model: the same for every plan.
+    pub tests: Option<Arc<ChoiceTests>>,
     /// Newer answers wait to be compared.
     pub is_behind: bool,
     /// The version of the data that it read.
@@ -43,19 +48,22 @@ pub struct PlanComparison {
 impl PlanComparison {
     /// What was stored; none where another version of the program wrote it in another form.
     fn read(stored: store::Comparison) -> Option<Self> {
-        let report = match stored.outcome {
+        let (report, tests) = match stored.outcome {
             Ok(text) => match serde_json::from_str(&text) {
-                Ok(report) => Ok(Arc::new(report)),
+                Ok(StoredReport { comparison, tests }) => {
+                    (Ok(Arc::new(comparison)), Some(Arc::new(tests)))
+                }
                 Err(error) => {
                     tracing::debug!(plan = %stored.plan, %error, "a stored comparison has another form");
                     return None;
                 }
             },
-            Err(message) => Err(message),
+            Err(message) => (Err(message), None),
         };
         Some(Self {
             plan: stored.plan,
             report,
+            tests,
             is_behind: false,
             data_version: stored.data_version,
             seed: stored.seed,
@@ -90,40 +98,67 @@ pub(super) fn fits_hash(snapshot: &Snapshot, plan: &PlanId) -> String {
     hash_of(of_plan.map(|part| part.input.hash.as_str()))
 }
 
-/// The problems that a study fits, as they are stored: whose answers are read.
-#[derive(Debug)]
-pub(super) struct FittedProblems {
-    problems: Vec<FittedProblem>,
-    /// Which problem of the list each stored one is.
-    places: HashMap<ProblemId, usize>,
-    /// The problem of each cell of the study.
-    of_cell: Vec<Option<usize>>,
+/// What is stored of a comparison.
+#[derive(Debug, Serialize, Deserialize)]
+struct StoredReport {
+    comparison: Comparison,
+    tests: ChoiceTests,
 }
 
-impl FittedProblems {
+/// The problems of a study's cells, as they are stored: whose answers are read.
+#[derive(Debug)]
+pub(super) struct AskedCells {
+    cells: Vec<AskedCell>,
+    factors: Vec<FactorLevels>,
+    /// Which cell each stored problem belongs to.
+    places: HashMap<ProblemId, usize>,
+    /// The fitted cells, by their place.
+    fitted: Vec<(usize, FittedProblem)>,
+}
+
+impl AskedCells {
     pub(super) fn new(study: &Study, stored: &[CellCount]) -> Self {
-        let mut fitted = Self {
-            problems: Vec::new(),
-            places: HashMap::new(),
-            of_cell: Vec::new(),
-        };
-        for cell in study.cells() {
-            let problem = cell.problem.clone().filter(|_| cell.fitted);
-            fitted.of_cell.push(problem.map(|problem| {
-                let asked = AskedProblem::new(cell.id.to_string(), Some(&problem));
-                let rows = stored
-                    .iter()
-                    .filter(|row| row.cell == asked.cell && row.hash == asked.hash);
-                let place = fitted.problems.len();
-                fitted.places.extend(rows.map(|row| (row.problem, place)));
-                fitted.problems.push(FittedProblem {
-                    id: cell.id.to_string(),
-                    problem,
-                });
-                place
-            }));
+        let mut places = HashMap::new();
+        let mut fitted = Vec::new();
+        for (place, cell) in study.cells().iter().enumerate() {
+            let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+            let rows = stored
+                .iter()
+                .filter(|row| row.cell == asked.cell && row.hash == asked.hash);
+            places.extend(rows.map(|row| (row.problem, place)));
+            if let Some(problem) = cell.problem.clone().filter(|_| cell.fitted) {
+                let id = cell.id.to_string();
+                fitted.push((place, FittedProblem { id, problem }));
+            }
         }
-        fitted
+        let cells = study.cells().iter().map(|cell| AskedCell {
+            id: cell.id.to_string(),
+            label: cell.label.clone(),
+            actions: cell
+                .actions
+                .iter()
+                .map(|action| action.id.to_string())
+                .collect(),
+            levels: cell
+                .levels
+                .iter()
+                .map(|(factor, level)| (factor.to_string(), level.to_string()))
+                .collect(),
+        });
+        let factors = study.factors().iter().map(|factor| FactorLevels {
+            id: factor.id.to_string(),
+            levels: factor
+                .levels
+                .iter()
+                .map(|level| level.id.to_string())
+                .collect(),
+        });
+        Self {
+            cells: cells.collect(),
+            factors: factors.collect(),
+            places,
+            fitted,
+        }
     }
 
     /// The stored problems.
@@ -133,19 +168,18 @@ impl FittedProblems {
         ids
     }
 
-    /// Everybody's answers, person by person.
-    fn data(&self, patterns: &[Pattern]) -> Option<ChoiceData> {
-        let groups = patterns.iter().map(|pattern| {
+    /// Everybody's answers to all cells, person by person.
+    fn groups(&self, patterns: &[Pattern]) -> Vec<Group> {
+        let group = |pattern: &Pattern| {
             let mut counts: Vec<Vec<u64>> = self
-                .problems
+                .cells
                 .iter()
-                .map(|problem| vec![0; problem.problem.actions().len()])
+                .map(|cell| vec![0; cell.actions.len()])
                 .collect();
             for (id, action) in &pattern.choices {
-                let place = self.places.get(id).copied();
-                let found = place.and_then(|place| {
-                    let action = self.problems[place].problem.position(action.as_str())?;
-                    Some((place, action))
+                let found = self.places.get(id).and_then(|&place| {
+                    let mut actions = self.cells[place].actions.iter();
+                    Some((place, actions.position(|known| *action == known.as_str())?))
                 });
                 if let Some((place, action)) = found {
                     counts[place][action] += 1;
@@ -155,8 +189,22 @@ impl FittedProblems {
                 weight: pattern.weight,
                 counts,
             }
+        };
+        patterns.iter().map(group).collect()
+    }
+
+    /// The answers to the cells that are fitted.
+    fn fitted_data(&self, groups: &[Group]) -> Option<ChoiceData> {
+        let problems = self.fitted.iter().map(|(_, problem)| problem.clone());
+        let groups = groups.iter().map(|group| Group {
+            weight: group.weight,
+            counts: self
+                .fitted
+                .iter()
+                .map(|(place, _)| group.counts[*place].clone())
+                .collect(),
         });
-        ChoiceData::new(self.problems.clone(), groups.collect()).ok()
+        ChoiceData::new(problems.collect(), groups.collect()).ok()
     }
 }
 
@@ -167,6 +215,9 @@ pub(super) struct ComparisonInput {
     data: PlanData,
     models: Vec<&'static ChoiceModel>,
     pub(super) settings: FitSettings,
+    cells: Vec<AskedCell>,
+    factors: Vec<FactorLevels>,
+    groups: Vec<Group>,
 }
 
 impl ComparisonInput {
@@ -174,13 +225,17 @@ impl ComparisonInput {
     pub(super) fn new(
         snapshot: &Snapshot,
         plan: &FitPlan,
-        fitted: &FittedProblems,
+        asked: &AskedCells,
         patterns: &[Pattern],
     ) -> Option<Self> {
         let study = &snapshot.study;
-        let data = fitted.data(patterns).filter(|data| data.n() > 0)?;
+        let groups = asked.groups(patterns);
+        let data = asked.fitted_data(&groups).filter(|data| data.n() > 0)?;
         let parts = plan.parts.iter().map(|part| {
-            let places = part.cells.iter().filter_map(|cell| fitted.of_cell[*cell]);
+            let places = part
+                .cells
+                .iter()
+                .filter_map(|cell| asked.fitted.iter().position(|(place, _)| place == cell));
             (part.id.to_string(), places.collect())
         });
         let texts: Vec<String> = patterns
@@ -193,30 +248,64 @@ impl ComparisonInput {
             data: PlanData::new(&data, Unit::Participant, parts.collect()).ok()?,
             models: study.models().to_vec(),
             settings: fit_settings(study, comparison_seed(study.id(), &plan.id)),
+            cells: asked.cells.clone(),
+            factors: asked.factors.clone(),
+            groups,
         })
     }
 
-    /// Compares, with the fits that there are.
+    /// Compares, with the fits that there are, and gives what is stored of it.
     pub(super) fn compare(
         &self,
         known: &[KnownFit],
         stop: &CancellationToken,
-    ) -> Result<Comparison, FitError> {
-        compare_models(
+    ) -> Result<String, ComparisonFailure> {
+        let seed = self.settings.seed;
+        let wanted = ComparisonSettings {
+            // People drawn anew are fitted anew, part by part: only the plan of one part is cheap enough.
+            bootstrap: (self.data.parts().len() == 1).then(|| BootstrapSettings {
+                seed,
+                ..BootstrapSettings::default()
+            }),
+            ..ComparisonSettings::full(seed)
+        };
+        let mut watch = |_| {
+            if stop.is_cancelled() {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        };
+        let comparison = compare_models(
             &self.data,
             &self.models,
             &self.settings,
             known,
-            &ComparisonSettings::full(self.settings.seed),
-            &mut |_| {
-                if stop.is_cancelled() {
-                    ControlFlow::Break(())
-                } else {
-                    ControlFlow::Continue(())
-                }
-            },
-        )
+            &wanted,
+            &mut watch,
+        )?;
+        let resampling = Resampling {
+            seed,
+            ..Resampling::default()
+        };
+        let tests = choice_tests(
+            &self.cells,
+            &self.factors,
+            &self.groups,
+            self.data.unit(),
+            &resampling,
+        );
+        Ok(serde_json::to_string(&StoredReport { comparison, tests })?)
     }
+}
+
+/// Why there is no comparison.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum ComparisonFailure {
+    #[error(transparent)]
+    Fit(#[from] FitError),
+    #[error("the result could not be written as JSON: {0}")]
+    Report(#[from] serde_json::Error),
 }
 
 /// The plan's fits that have converged, each with its draws, as far as they can be read.

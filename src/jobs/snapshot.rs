@@ -14,7 +14,12 @@ use super::{
     snapshot_cache::fresh,
 };
 use crate::{
-    inference::{Draws, Estimate, accuracy::CellAccuracy, sequential},
+    inference::{
+        Draws, Estimate,
+        accuracy::CellAccuracy,
+        comparison::{CUPS_HYPOTHESIS, DRIVING_HYPOTHESIS, Hypothesis},
+        sequential,
+    },
     model::ChoiceModel,
     store::{
         AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, StudyState,
@@ -264,6 +269,15 @@ impl Snapshot {
                 .collect()
         };
         sequential::ln_bayes_factor(of(first)?, of(second)?)
+    }
+
+    /// The hypothesis of the paper that the study is about: those of the studies that come with the program.
+    pub fn hypothesis(&self) -> Option<&'static Hypothesis> {
+        match self.study.id().as_str() {
+            "driving" => Some(&DRIVING_HYPOTHESIS),
+            "cups" => Some(&CUPS_HYPOTHESIS),
+            _ => None,
+        }
     }
 
     /// Whether there are answers, and every fit is a final one of all of them.

@@ -178,7 +178,7 @@ mod tests {
         check_refused(
             "alpha = { uniform = [0, 1] }\ngama = { uniform = [0, 1] }\n",
             "mine.toml, line 2, gama: found unknown key `gama`, did you mean `gamma`?; allowed: one of `alpha`, `beta`, \
-             `gamma`, `delta`, `lambda`, `tau`",
+             `gamma`, `delta`, `lambda`, `tau`, `eta_gain`, `eta_loss`",
         );
         check_refused(
             "\nbeta = { uniform = [0.5, 1.5] }\n",

@@ -168,6 +168,8 @@ fn the_model_that_made_the_answers_is_favoured() {
         let wanted = ComparisonSettings {
             leave_one_out: false,
             sensitivity: true,
+            held_out: None,
+            bootstrap: None,
         };
         let found = compared(&PlanData::whole(&data, Unit::Participant), &wanted);
         let pair = risk_aware_against_noisy_rational(&found);

@@ -1,130 +1,313 @@
-//! Chains of one fixed kernel.
+//! Chains of fixed kernels, eight at a time in lanes.
 
-use rand::RngExt;
-use rand_chacha::ChaCha12Rng;
+use super::{BLOCK, Cloud, LANES, LogDensity, Proposal, Stopped, Watch, random_stream};
+use crate::inference::lanes::{InstructionSet, Kernel, LaneRandom, ln};
 
-use super::{LogDensity, Proposal, Stopped, Watch, random_stream};
+/// Blocks of independence steps between two random-walk steps.
+const BLOCKS: usize = 4;
 
-/// Share of steps that propose independently of where the chain is.
-const INDEPENDENCE_SHARE: f64 = 0.75;
+/// Steps of a chain in a block.
+const BLOCK_STEPS: usize = BLOCK / LANES;
 
 /// Sizes of random-walk steps in units of 2.38/√d: large ones to travel, small ones for corners.
 const STEP_SCALES: [f64; 3] = [1.0, 0.4, 0.1];
 
 /// Steps at the start of each chain that are not kept, in kept draws.
-const BURN_IN_DRAWS: usize = 100;
+const BURN_IN_DRAWS: usize = 50;
 
-/// How many draws pass between two looks at the watch.
+/// How many cycles pass between two looks at the watch.
 const WATCH_INTERVAL: usize = 64;
 
 /// Draws of several chains.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Chains {
-    /// `positions[chain][draw]`.
-    pub positions: Vec<Vec<Vec<f64>>>,
-    /// Share of proposals accepted.
+    /// How many chains.
+    pub chains: usize,
+    /// Draws kept of each.
+    pub per_chain: usize,
+    /// `coordinates[coordinate]`: chain after chain.
+    pub coordinates: Vec<Vec<f64>>,
+    /// Share of independence proposals accepted.
     pub acceptance: f64,
 }
 
-/// Runs one chain from each start with one kernel that was fixed before.
+impl Chains {
+    /// How many draws there are.
+    pub fn len(&self) -> usize {
+        self.chains * self.per_chain
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The values of one coordinate by chain.
+    pub fn by_chain(&self, coordinate: usize) -> Vec<&[f64]> {
+        self.coordinates[coordinate]
+            .chunks_exact(self.per_chain)
+            .collect()
+    }
+
+    /// The draws from number `start` on, as many as there are lanes; the last one again where there are fewer.
+    pub fn block<const W: usize>(&self, start: usize, positions: &mut [[f64; W]]) {
+        let end = (start + W).min(self.len());
+        for (position, column) in positions.iter_mut().zip(&self.coordinates) {
+            position[..end - start].copy_from_slice(&column[start..end]);
+            position[end - start..].fill(column[end - 1]);
+        }
+    }
+
+    /// About `count` of the draws, evenly over all chains.
+    pub fn thinned(&self, count: usize) -> Cloud {
+        let stride = (self.len() / count).max(1);
+        let column = |column: &Vec<f64>| column.iter().step_by(stride).copied().collect();
+        Cloud::new(self.coordinates.iter().map(column).collect())
+    }
+
+    /// Where each chain ended.
+    pub fn ends(&self) -> Vec<Vec<f64>> {
+        let end = |chain: usize| (chain + 1) * self.per_chain - 1;
+        (0..self.chains)
+            .map(|chain| self.coordinates.iter().map(|x| x[end(chain)]).collect())
+            .collect()
+    }
+}
+
+/// How long chains run, and with which random numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct Run {
+    /// The seed.
+    pub seed: u64,
+    /// The first of the random streams of these chains, one for eight of them.
+    pub stream: u64,
+    /// Draws kept of each chain.
+    pub draws: usize,
+    /// Steps of a chain for each draw.
+    pub steps: usize,
+}
+
+/// Runs one chain from each start with kernels that were fixed before.
 ///
-/// At each step, whatever the position, the kernel proposes from the mixture (a Metropolis–Hastings step) or walks at
-/// random (a Metropolis step): each of these is reversible with respect to the posterior, so their mixture is.
-///
-/// * `round`: tells apart the random streams of repeated runs.
-/// * `draws`: kept per chain; `steps`: steps of the kernel for each.
+/// Sixteen independence steps, which propose from the mixture wherever the chain is (Metropolis–Hastings), and one
+/// random-walk step (Metropolis) take turns. Each of these is reversible with respect to the posterior, and whose turn
+/// it is does not depend on where the chain is.
 ///
 /// # Errors
 /// When `watch` says so.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "each is one independent part of a run, and there is one caller"
-)]
 pub fn run_chains<D: LogDensity>(
     density: &mut D,
     proposal: &Proposal,
     starts: &[Vec<f64>],
-    seed: u64,
-    round: u64,
-    draws: usize,
-    steps: usize,
+    run: Run,
     watch: &mut Watch<'_>,
 ) -> Result<Chains, Stopped> {
-    let mut positions = Vec::with_capacity(starts.len());
-    let mut accepted = 0_usize;
-    for (index, start) in starts.iter().enumerate() {
-        let stream = 1 + round * starts.len() as u64 + index as u64;
-        let mut chain = Chain::new(density, proposal, start, random_stream(seed, stream));
-        let mut kept = Vec::with_capacity(draws);
-        for draw in 0..BURN_IN_DRAWS + draws {
-            if draw % WATCH_INTERVAL == 0 && watch().is_break() {
+    let mut kept = Chains {
+        chains: starts.len(),
+        per_chain: run.draws,
+        coordinates: vec![vec![0.0; starts.len() * run.draws]; density.dimension()],
+        acceptance: 0.0,
+    };
+    let mut accepted = 0.0;
+    let mut proposed = 0.0;
+    for (set, starts) in starts.chunks(LANES).enumerate() {
+        let mut random = LaneRandom::new(&mut random_stream(run.seed, run.stream + set as u64));
+        let mut lanes = Lanes::new(density, proposal, starts);
+        let mut schedule = Schedule {
+            until_kept: BURN_IN_DRAWS * run.steps + run.steps,
+            steps: run.steps,
+            draw: 0,
+            draws: run.draws,
+            first_chain: set * LANES,
+            chains: starts.len(),
+        };
+        let mut cycle = 0;
+        while !schedule.is_done() {
+            if cycle % WATCH_INTERVAL == 0 && watch().is_break() {
                 return Err(Stopped);
             }
-            for _ in 0..steps {
-                chain.step(density, proposal);
+            cycle += 1;
+            for _ in 0..BLOCKS {
+                lanes.independence_steps(density, proposal, &mut random, &mut schedule, &mut kept);
             }
-            if draw + 1 == BURN_IN_DRAWS {
-                chain.accepted = 0;
-            }
-            if draw >= BURN_IN_DRAWS {
-                kept.push(chain.position.clone());
-            }
+            lanes.walk(density, proposal, &mut random);
+            schedule.step(&lanes.position, &mut kept);
         }
-        accepted += chain.accepted;
-        positions.push(kept);
+        accepted += lanes.accepted[..starts.len()].iter().sum::<f64>();
+        proposed += (cycle * BLOCKS * BLOCK_STEPS * starts.len()) as f64;
     }
-    let proposed = starts.len() * draws * steps;
-    Ok(Chains {
-        positions,
-        acceptance: accepted as f64 / proposed as f64,
-    })
+    kept.acceptance = accepted / proposed;
+    Ok(kept)
 }
 
-struct Chain {
-    position: Vec<f64>,
-    ln_posterior: f64,
-    /// The proposal's density at the position.
-    ln_proposal: f64,
-    accepted: usize,
-    rng: ChaCha12Rng,
+/// Which steps are kept, and where.
+struct Schedule {
+    until_kept: usize,
+    steps: usize,
+    draw: usize,
+    draws: usize,
+    first_chain: usize,
+    chains: usize,
 }
 
-impl Chain {
-    fn new<D: LogDensity>(
-        density: &mut D,
-        proposal: &Proposal,
-        start: &[f64],
-        rng: ChaCha12Rng,
-    ) -> Self {
-        Self {
-            position: start.to_vec(),
-            ln_posterior: density.evaluate(start).posterior(),
-            ln_proposal: proposal.ln_density(start),
-            accepted: 0,
-            rng,
-        }
+impl Schedule {
+    fn is_done(&self) -> bool {
+        self.draw == self.draws
     }
 
-    fn step<D: LogDensity>(&mut self, density: &mut D, proposal: &Proposal) {
-        let independent = self.rng.random::<f64>() < INDEPENDENCE_SHARE;
-        let position = if independent {
-            proposal.draw(&mut self.rng)
-        } else {
-            let scale = STEP_SCALES[self.rng.random_range(0..STEP_SCALES.len())];
-            let scale = scale * 2.38 / (self.position.len() as f64).sqrt();
-            proposal.walk(&self.position, scale, &mut self.rng)
-        };
+    /// After a step of each chain.
+    #[inline(always)]
+    fn step(&mut self, position: &[[f64; LANES]], kept: &mut Chains) {
+        self.until_kept -= 1;
+        if self.until_kept > 0 {
+            return;
+        }
+        self.until_kept = self.steps;
+        if self.is_done() {
+            return;
+        }
+        for (column, lanes) in kept.coordinates.iter_mut().zip(position) {
+            let first = self.first_chain * self.draws + self.draw;
+            for (chain, x) in lanes[..self.chains].iter().enumerate() {
+                column[first + chain * self.draws] = *x;
+            }
+        }
+        self.draw += 1;
+    }
+}
+
+/// The states of eight chains.
+struct Lanes {
+    position: Vec<[f64; LANES]>,
+    ln_posterior: [f64; LANES],
+    /// ln posterior − ln proposal.
+    ln_weight: [f64; LANES],
+    accepted: [f64; LANES],
+    proposals: Vec<[f64; BLOCK]>,
+    walked: Vec<[f64; LANES]>,
+    instructions: InstructionSet,
+}
+
+impl Lanes {
+    /// Lanes without a start repeat the last one.
+    fn new<D: LogDensity>(density: &mut D, proposal: &Proposal, starts: &[Vec<f64>]) -> Self {
+        let start = |lane: usize| &starts[lane.min(starts.len() - 1)];
+        let position: Vec<[f64; LANES]> = (0..density.dimension())
+            .map(|coordinate| std::array::from_fn(|lane| start(lane)[coordinate]))
+            .collect();
         let ln_posterior = density.evaluate(&position).posterior();
         let ln_proposal = proposal.ln_density(&position);
-        let mut ln_ratio = ln_posterior - self.ln_posterior;
-        if independent {
-            ln_ratio += self.ln_proposal - ln_proposal;
+        Self {
+            ln_posterior,
+            ln_weight: std::array::from_fn(|lane| ln_posterior[lane] - ln_proposal[lane]),
+            accepted: [0.0; LANES],
+            proposals: vec![[0.0; BLOCK]; position.len()],
+            walked: position.clone(),
+            position,
+            instructions: InstructionSet::widest(),
         }
-        if self.rng.random::<f64>().ln() < ln_ratio {
-            self.position = position;
-            self.ln_posterior = ln_posterior;
-            self.ln_proposal = ln_proposal;
-            self.accepted += 1;
+    }
+
+    fn independence_steps<D: LogDensity>(
+        &mut self,
+        density: &mut D,
+        proposal: &Proposal,
+        random: &mut LaneRandom,
+        schedule: &mut Schedule,
+        kept: &mut Chains,
+    ) {
+        let ln_proposal = proposal.propose(random, &mut self.proposals);
+        let ln_posterior = density.evaluate(&self.proposals).posterior();
+        self.instructions.run(Decide {
+            random,
+            ln_proposal: &ln_proposal,
+            ln_posterior: &ln_posterior,
+            schedule,
+            kept,
+            lanes: self,
+        });
+    }
+
+    fn walk<D: LogDensity>(
+        &mut self,
+        density: &mut D,
+        proposal: &Proposal,
+        random: &mut LaneRandom,
+    ) {
+        let mut shares = [0.0; LANES];
+        random.fill_uniform(&mut shares);
+        let unit = 2.38 / (self.position.len() as f64).sqrt();
+        let third = |share: f64| ((share * STEP_SCALES.len() as f64) as usize).min(2);
+        let scales = shares.map(|share| unit * STEP_SCALES[third(share)]);
+        self.walked.copy_from_slice(&self.position);
+        proposal.walk().walk(random, &scales, &mut self.walked);
+        let ln_posterior = density.evaluate(&self.walked).posterior();
+        let ln_proposal = proposal.ln_density(&self.walked);
+        random.fill_uniform(&mut shares);
+        for lane in 0..LANES {
+            if ln(shares[lane]) < ln_posterior[lane] - self.ln_posterior[lane] {
+                self.ln_posterior[lane] = ln_posterior[lane];
+                self.ln_weight[lane] = ln_posterior[lane] - ln_proposal[lane];
+                for (x, new) in self.position.iter_mut().zip(&self.walked) {
+                    x[lane] = new[lane];
+                }
+            }
+        }
+    }
+}
+
+/// Accepts or rejects a block of independence proposals, step after step.
+struct Decide<'a> {
+    random: &'a mut LaneRandom,
+    ln_proposal: &'a [f64; BLOCK],
+    ln_posterior: &'a [f64; BLOCK],
+    schedule: &'a mut Schedule,
+    kept: &'a mut Chains,
+    lanes: &'a mut Lanes,
+}
+
+impl Kernel for Decide<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut shares = [0.0; BLOCK];
+        self.random.fill_uniform(&mut shares);
+        let mut ln_weights = [0.0; BLOCK];
+        for index in 0..BLOCK {
+            ln_weights[index] = self.ln_posterior[index] - self.ln_proposal[index];
+            shares[index] = ln(shares[index]);
+        }
+        let lanes = self.lanes;
+        for step in 0..BLOCK_STEPS {
+            let first = step * LANES;
+            let mut is_accepted = [false; LANES];
+            for lane in 0..LANES {
+                let ln_weight = ln_weights[first + lane];
+                let is_better = shares[first + lane] < ln_weight - lanes.ln_weight[lane];
+                is_accepted[lane] = is_better;
+                lanes.accepted[lane] += if is_better { 1.0 } else { 0.0 };
+                lanes.ln_weight[lane] = if is_better {
+                    ln_weight
+                } else {
+                    lanes.ln_weight[lane]
+                };
+                lanes.ln_posterior[lane] = if is_better {
+                    self.ln_posterior[first + lane]
+                } else {
+                    lanes.ln_posterior[lane]
+                };
+            }
+            for (position, proposal) in lanes.position.iter_mut().zip(&lanes.proposals) {
+                for lane in 0..LANES {
+                    position[lane] = if is_accepted[lane] {
+                        proposal[first + lane]
+                    } else {
+                        position[lane]
+                    };
+                }
+            }
+            self.schedule.step(&lanes.position, self.kept);
         }
     }
 }

@@ -1,17 +1,23 @@
 //! A Metropolis–Hastings sampler that knows no model.
 //!
-//! A fit has two parts. A warm-up ([`warm_up`]) carries a population of points from the prior to the posterior through
-//! tempered densities, so that no mode is lost because all chains began in another, and fits a [`Proposal`] to it.
-//! Then chains ([`run_chains`]) start from points of a tempered density, more widely spread than the posterior, and every
-//! draw comes from one kernel that was fixed before and is reversible with respect to the posterior. Between rounds the
-//! proposal may be fitted again; draws of earlier rounds are then dropped.
+//! A cold fit has three parts. A warm-up ([`warm_up`]) carries a population of points from the prior to the posterior
+//! through tempered densities, so that no mode is lost because all chains began in another, and fits a [`Proposal`] to it;
+//! [`adapt`] improves that by importance sampling. Then chains ([`run_chains`]) start from points of a tempered density, more
+//! widely spread than the posterior, and every draw comes from kernels that were fixed before and are each reversible with
+//! respect to the posterior. Between rounds the proposal may be fitted again; draws of earlier rounds are then dropped.
+//! A warm fit has the last part only.
 //!
-//! Sources: Del Moral, Doucet & Jasra (2006) for the tempered population; Tierney (1994) for independence proposals
-//! and mixtures of kernels.
+//! Everything is computed for blocks of positions ([`lanes`](super::lanes)).
+//!
+//! Sources: Del Moral, Doucet & Jasra (2006) for the tempered population; Cappé et al. (2008) for the adaptation; Tierney
+//! (1994) for independence proposals and sequences of kernels.
 
 mod chains;
+mod cloud;
 mod evidence;
+mod expectation_maximisation;
 mod proposal;
+mod triangle;
 mod warm_up;
 
 use std::ops::ControlFlow;
@@ -19,47 +25,45 @@ use std::ops::ControlFlow;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-pub use chains::{Chains, run_chains};
+use super::lanes::{LANES, LaneRandom};
+pub use chains::{Chains, Run, run_chains};
+pub use cloud::Cloud;
 pub use evidence::ln_evidence;
 pub use proposal::Proposal;
-pub use warm_up::{WarmUp, warm_up};
+pub use warm_up::{WarmUp, adapt, warm_up};
+
+/// Positions that are evaluated at once where nothing asks for another number: four steps of eight chains.
+pub const BLOCK: usize = 4 * LANES;
 
 /// A posterior density on unconstrained coordinates, up to a constant, in its two factors.
 ///
-/// Evaluation may use scratch space (`&mut self`) but must be a pure function of the position.
+/// Evaluation may use scratch space (`&mut self`) but must be a pure function of each position, whatever its lane.
 pub trait LogDensity {
     /// How many coordinates there are, at least 1.
     fn dimension(&self) -> usize;
 
-    /// The density at a position of [`dimension`](Self::dimension) finite coordinates; −∞ where it vanishes, never NaN.
-    fn evaluate(&mut self, position: &[f64]) -> LnDensity;
+    /// The density at `W` positions of [`dimension`](Self::dimension) coordinates, `positions[coordinate][lane]`; −∞ where
+    /// it vanishes, never NaN if the coordinates are finite.
+    fn evaluate<const W: usize>(&mut self, positions: &[[f64; W]]) -> LnDensities<W>;
 
-    /// A position drawn from the prior.
-    fn draw_prior(&mut self, rng: &mut ChaCha12Rng) -> Vec<f64>;
+    /// Positions drawn from the prior.
+    fn draw_prior<const W: usize>(&mut self, random: &mut LaneRandom, positions: &mut [[f64; W]]);
 }
 
-/// The logarithms of the two factors of a posterior density.
+/// The logarithms of the two factors of a posterior density, in lanes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LnDensity {
+pub struct LnDensities<const W: usize> {
     /// ln prior density, Jacobian included.
-    pub prior: f64,
+    pub prior: [f64; W],
     /// ln likelihood.
-    pub likelihood: f64,
+    pub likelihood: [f64; W],
 }
 
-impl LnDensity {
+impl<const W: usize> LnDensities<W> {
     /// ln posterior density up to a constant.
-    pub fn posterior(self) -> f64 {
-        self.tempered(1.0)
-    }
-
-    /// ln of prior × likelihood^`temperature`, −∞ where either vanishes.
-    fn tempered(self, temperature: f64) -> f64 {
-        if temperature == 0.0 {
-            self.prior
-        } else {
-            self.prior + temperature * self.likelihood
-        }
+    #[inline(always)]
+    pub fn posterior(&self) -> [f64; W] {
+        std::array::from_fn(|lane| self.prior[lane] + self.likelihood[lane])
     }
 }
 
@@ -80,11 +84,9 @@ pub fn random_stream(seed: u64, stream: u64) -> ChaCha12Rng {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    use rand::RngExt;
-    use rand_distr::StandardNormal;
-
     use super::*;
     use crate::inference::diagnostics::{Convergence, mean, variance};
+    use crate::inference::lanes::fill_normals;
 
     /// A normal prior times a normal likelihood in each coordinate, or two likelihood bumps far apart.
     struct Normals {
@@ -99,7 +101,29 @@ pub(crate) mod tests {
             self.centres[0].len()
         }
 
-        fn evaluate(&mut self, position: &[f64]) -> LnDensity {
+        fn evaluate<const W: usize>(&mut self, positions: &[[f64; W]]) -> LnDensities<W> {
+            let at = |lane: usize| -> Vec<f64> { positions.iter().map(|x| x[lane]).collect() };
+            let densities: [[f64; 2]; W] = std::array::from_fn(|lane| self.one(&at(lane)));
+            LnDensities {
+                prior: densities.map(|density| density[0]),
+                likelihood: densities.map(|density| density[1]),
+            }
+        }
+
+        fn draw_prior<const W: usize>(
+            &mut self,
+            random: &mut LaneRandom,
+            positions: &mut [[f64; W]],
+        ) {
+            fill_normals(random, positions);
+            for x in positions.iter_mut().flatten() {
+                *x *= PRIOR_SD;
+            }
+        }
+    }
+
+    impl Normals {
+        fn one(&self, position: &[f64]) -> [f64; 2] {
             let square = |centre: &[f64], sd: f64| -> f64 {
                 position
                     .iter()
@@ -113,38 +137,20 @@ pub(crate) mod tests {
                 .iter()
                 .map(|centre| square(centre, self.sd).exp())
                 .sum();
-            LnDensity {
-                prior: square(&origin, PRIOR_SD),
-                likelihood: bumps.ln(),
-            }
-        }
-
-        fn draw_prior(&mut self, rng: &mut ChaCha12Rng) -> Vec<f64> {
-            (0..self.dimension())
-                .map(|_| PRIOR_SD * rng.sample::<f64, _>(StandardNormal))
-                .collect()
+            [square(&origin, PRIOR_SD), bumps.ln()]
         }
     }
 
     fn sample(density: &mut Normals, seed: u64) -> Chains {
         let mut watch = || ControlFlow::Continue(());
         let warm = warm_up(density, seed, &mut watch).unwrap();
-        run_chains(
-            density,
-            &warm.proposal,
-            &warm.starts(8),
+        let run = Run {
             seed,
-            0,
-            500,
-            3,
-            &mut watch,
-        )
-        .unwrap()
-    }
-
-    fn column(chains: &Chains, coordinate: usize) -> Vec<Vec<f64>> {
-        let one = |chain: &Vec<Vec<f64>>| chain.iter().map(|x| x[coordinate]).collect();
-        chains.positions.iter().map(one).collect()
+            stream: 1,
+            draws: 500,
+            steps: 3,
+        };
+        run_chains(density, &warm.proposal, &warm.starts(8), run, &mut watch).unwrap()
     }
 
     /// Normal prior N(0, 9) and likelihood N(2, ½²): the posterior is normal with precision 1/9 + 4.
@@ -157,14 +163,12 @@ pub(crate) mod tests {
         let chains = sample(&mut density, 7);
         let precision = 1.0 / 9.0 + 4.0;
         for (coordinate, centre) in [2.0, -1.0, 0.5].into_iter().enumerate() {
-            let values = column(&chains, coordinate);
-            let slices: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
-            let convergence = Convergence::of(&slices);
+            let convergence = Convergence::of(&chains.by_chain(coordinate));
             assert!(convergence.is_converged(), "{convergence:?}");
-            let pooled = values.concat();
+            let pooled = &chains.coordinates[coordinate];
             let error = 4.0 * (1.0 / precision / convergence.ess_bulk).sqrt();
-            assert!((mean(&pooled) - 4.0 * centre / precision).abs() < error);
-            assert!((variance(&pooled) * precision - 1.0).abs() < 0.15);
+            assert!((mean(pooled) - 4.0 * centre / precision).abs() < error);
+            assert!((variance(pooled) * precision - 1.0).abs() < 0.15);
         }
     }
 
@@ -176,10 +180,8 @@ pub(crate) mod tests {
             sd: 0.5,
         };
         let chains = sample(&mut density, 11);
-        let values = column(&chains, 0);
-        let slices: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
-        assert!(Convergence::of(&slices).is_converged());
-        let pooled = values.concat();
+        assert!(Convergence::of(&chains.by_chain(0)).is_converged());
+        let pooled = &chains.coordinates[0];
         let share = pooled.iter().filter(|x| **x > 0.0).count() as f64 / pooled.len() as f64;
         assert!((share - 0.5).abs() < 0.08, "{share}");
     }
@@ -191,13 +193,18 @@ pub(crate) mod tests {
             centres: vec![vec![8.0], vec![-8.0]],
             sd: 0.05,
         };
-        let narrow = Proposal::fit(&[vec![8.0], vec![8.01], vec![7.98], vec![8.03]], 1, 5);
+        let near = Cloud::new(vec![vec![8.0, 8.01, 7.98, 8.03]]);
+        let narrow = Proposal::fit(&near, 1, 5);
         let starts: Vec<Vec<f64>> = [8.0, -8.0, 8.0, -8.0].map(|x| vec![x]).to_vec();
         let mut watch = || ControlFlow::Continue(());
-        let chains = run_chains(&mut density, &narrow, &starts, 5, 0, 400, 1, &mut watch).unwrap();
-        let values = column(&chains, 0);
-        let slices: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
-        assert!(Convergence::of(&slices).rhat > 1.5);
+        let run = Run {
+            seed: 5,
+            stream: 1,
+            draws: 400,
+            steps: 1,
+        };
+        let chains = run_chains(&mut density, &narrow, &starts, run, &mut watch).unwrap();
+        assert!(Convergence::of(&chains.by_chain(0)).rhat > 1.5);
     }
 
     #[test]
@@ -207,8 +214,8 @@ pub(crate) mod tests {
             sd: 0.7,
         };
         let first = sample(&mut density, 3);
-        assert_eq!(first.positions, sample(&mut density, 3).positions);
-        assert_ne!(first.positions, sample(&mut density, 4).positions);
+        assert_eq!(first, sample(&mut density, 3));
+        assert_ne!(first, sample(&mut density, 4));
     }
 
     #[test]

@@ -3,7 +3,11 @@
 use serde::Serialize;
 
 use crate::{
-    inference::{Estimate, comparison::Comparison as Compared, sequential},
+    inference::{
+        Estimate,
+        comparison::{ChoiceTests, Comparison as Compared, Verdict},
+        sequential,
+    },
     jobs::{PlanComparison, RuleText, Snapshot},
     study::FitPlan,
     web::results::format::rfc3339,
@@ -43,6 +47,10 @@ pub(in crate::web) struct StoredComparison<'a> {
     pub at: String,
     /// Null where it failed.
     pub report: Option<&'a Compared>,
+    /// One per hypothesis of the paper that the study is about.
+    pub verdicts: Vec<Verdict>,
+    /// What the choices of all cells say without a model.
+    pub tests: Option<&'a ChoiceTests>,
     /// Why it failed.
     pub message: Option<&'a str>,
 }
@@ -71,20 +79,29 @@ impl<'a> Comparison<'a> {
             fit_version: snapshot.version.fit_version,
             plan: plan.id.as_str(),
             live,
-            compared: snapshot.comparison(&plan.id).map(StoredComparison::new),
+            compared: snapshot
+                .comparison(&plan.id)
+                .map(|stored| StoredComparison::new(snapshot, stored)),
         }
     }
 }
 
 impl<'a> StoredComparison<'a> {
-    fn new(stored: &'a PlanComparison) -> Self {
+    fn new(snapshot: &Snapshot, stored: &'a PlanComparison) -> Self {
+        let report = stored.report.as_deref().ok();
+        let verdicts = snapshot.hypothesis().zip(report);
         Self {
             is_behind: stored.is_behind,
             data_version: stored.data_version,
             seed: stored.seed,
             program_version: &stored.program_version,
             at: rfc3339(stored.at),
-            report: stored.report.as_deref().ok(),
+            report,
+            verdicts: verdicts
+                .and_then(|(hypothesis, report)| Verdict::of(hypothesis, report))
+                .into_iter()
+                .collect(),
+            tests: stored.tests.as_deref(),
             message: stored.report.as_ref().err().map(String::as_str),
         }
     }
