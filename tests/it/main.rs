@@ -16,6 +16,7 @@ mod program;
 mod recover;
 mod refit;
 mod results;
+mod results_reading;
 mod simulation;
 mod store;
 mod study;

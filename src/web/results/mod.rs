@@ -9,6 +9,7 @@ mod format;
 mod page;
 mod page_tables;
 mod predictive;
+mod reading;
 mod report;
 mod summary;
 mod sweep;
@@ -27,6 +28,7 @@ use axum::{
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
+use self::reading::Reading;
 pub use self::report::FitReportPage;
 use self::sweep_page::{PageQuery, SweepPage};
 pub(super) use self::{
@@ -53,6 +55,7 @@ pub(super) fn router() -> Router<AppState> {
         .route("/results/{study}/data/curves.json", get(curves))
         .route("/results/{study}/data/accuracy.json", get(accuracy))
         .route("/results/{study}/data/comparison.json", get(comparison))
+        .route("/results/{study}/data/reading.json", get(reading))
         .route("/results/{study}/data/sequential.json", get(sequential))
         .route("/results/{study}/events", get(stream))
 }
@@ -179,6 +182,14 @@ async fn comparison(
     let snapshot = shown(&store, &catalogue, &settings, &study).await?;
     let plan = coarse_plan(&snapshot, plan.as_ref())?;
     Ok(Json(Comparison::new(&snapshot, plan)).into_response())
+}
+
+async fn reading(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+) -> Result<Response, ApiError> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(Reading::new(&snapshot)).into_response())
 }
 
 async fn sequential(
