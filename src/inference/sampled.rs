@@ -3,7 +3,7 @@
 use std::ops::{ControlFlow, Range};
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, mean, quantile};
+use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
 use super::lanes::{InstructionSet, Kernel, exp, ln};
 use super::likelihood::Predictor;
 use super::posterior::Posterior;
@@ -276,9 +276,10 @@ impl Sampled {
         settings: &FitSettings,
         is_last: bool,
     ) -> Option<Self> {
+        let scores = NormalScores::new(draws.chains * (draws.per_chain / 2 * 2));
         let mut convergence = Vec::with_capacity(draws.columns.len());
         for (_, values) in &draws.columns {
-            let found = Convergence::of(&draws.by_chain(values));
+            let found = Convergence::with(&scores, &draws.by_chain(values));
             if !found.is_converged() && !is_last {
                 return None;
             }
@@ -303,7 +304,7 @@ impl Sampled {
             let found = if same < problem {
                 sampled.predicted_convergence[same]
             } else {
-                sampled.problem_convergence(predictor.range(problem))
+                sampled.problem_convergence(&scores, predictor.range(problem))
             };
             if found.is_some_and(|found| !found.is_converged()) && !is_last {
                 return None;
@@ -323,11 +324,15 @@ impl Sampled {
     }
 
     /// The worst convergence of the probabilities of one problem's actions, but the last, which follows.
-    fn problem_convergence(&self, range: Range<usize>) -> Option<Convergence> {
+    fn problem_convergence(
+        &self,
+        scores: &NormalScores,
+        range: Range<usize>,
+    ) -> Option<Convergence> {
         self.ln_predicted[range.start..range.end - 1]
             .iter()
             .filter(|column| column.iter().any(|value| (value - column[0]).abs() > 1e-12))
-            .map(|column| Convergence::of(&self.draws.by_chain(column)))
+            .map(|column| Convergence::with(scores, &self.draws.by_chain(column)))
             .reduce(|left, right| Convergence {
                 rhat: if left.rhat.is_nan() {
                     left.rhat

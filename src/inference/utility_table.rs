@@ -217,16 +217,22 @@ impl UtilityTable {
             raise(loss_values, &self.losses, of(Beta));
             any = true;
         }
-        let weigh = match self.weighting {
-            WeightingFunction::TverskyKahneman => weigh_tversky_kahneman::<W>,
-            WeightingFunction::Prelec => weigh_prelec::<W>,
-        };
         if changed(&[Gamma, EtaGain]) {
-            weigh(gain_weights, &self.gain_chances, of(Gamma), of(EtaGain));
+            weigh(
+                self.weighting,
+                gain_weights,
+                &self.gain_chances,
+                [of(Gamma), of(EtaGain)],
+            );
             any = true;
         }
         if changed(&[Delta, EtaLoss]) {
-            weigh(loss_weights, &self.loss_chances, of(Delta), of(EtaLoss));
+            weigh(
+                self.weighting,
+                loss_weights,
+                &self.loss_chances,
+                [of(Delta), of(EtaLoss)],
+            );
             any = true;
         }
         if any {
@@ -356,13 +362,25 @@ fn raise<const W: usize>(values: &mut [[f64; W]], magnitudes: &[Magnitude], expo
     }
 }
 
+#[inline(always)]
+fn weigh<const W: usize>(
+    function: WeightingFunction,
+    weights: &mut [[f64; W]],
+    chances: &[Chance],
+    [exponent, elevation]: [&[f64; W]; 2],
+) {
+    match function {
+        WeightingFunction::TverskyKahneman => weigh_tversky_kahneman(weights, chances, exponent),
+        WeightingFunction::Prelec => weigh_prelec(weights, chances, exponent, elevation),
+    }
+}
+
 /// w(p) = p^γ / (p^γ + (1−p)^γ)^(1/γ).
 #[inline(always)]
 fn weigh_tversky_kahneman<const W: usize>(
     weights: &mut [[f64; W]],
     chances: &[Chance],
     exponent: &[f64; W],
-    _elevation: &[f64; W],
 ) {
     let mut inverse = [0.0; W];
     for lane in 0..W {
