@@ -9,11 +9,12 @@ use anyhow::{Context, bail};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::choice_files::{ChoiceFile, read_choices, read_problems};
+use super::choice_files::{ChoiceFile, read_choices};
+use super::fit_files::FileArguments;
+use super::fit_source::{Source, SourceArguments};
 use super::fit_table::write_table;
-use crate::inference::{
-    Fit, FitSettings, FitSummary, Priors, Progress, WEIGHTING_FLOOR, default_reference_reward, fit,
-};
+use crate::clock::Clock;
+use crate::inference::{Fit, FitSettings, FitSummary, Progress, fit};
 use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named};
 
 /// Fits models to choices and prints what they say, as a table or as JSON.
@@ -21,9 +22,8 @@ use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named};
 /// Exits with status 1 when chains have not converged; then only diagnostics are printed.
 #[derive(Debug, clap::Args)]
 pub(super) struct Arguments {
-    /// Problems: {"ID":{"ACTION":[[p,R],...],...},...}
-    #[arg(long, value_name = "FILE.json")]
-    problems: PathBuf,
+    #[command(flatten)]
+    source: SourceArguments,
     /// Choices: CSV with columns problem and action, and optionally participant, count and status (with it, rows
     /// that are not `answered` or of no problem given are left out and counted); other columns are ignored
     #[arg(long, value_name = "FILE.csv")]
@@ -31,12 +31,6 @@ pub(super) struct Arguments {
     /// Print JSON for machines
     #[arg(long)]
     json: bool,
-    /// Lower bound of the priors of gamma and delta, from 0 to below 1
-    #[arg(long, value_name = "X", default_value_t = WEIGHTING_FLOOR, value_parser = weighting_floor)]
-    weighting_floor: f64,
-    /// Reward that gives tau its unit; by default the largest gain or loss of the problems
-    #[arg(long, value_name = "X", value_parser = reference_reward, allow_negative_numbers = true)]
-    reference_reward: Option<f64>,
     /// Random seed: the same seed gives the same draws
     #[arg(long, value_name = "N", default_value_t = FitSettings::default().seed)]
     seed: u64,
@@ -55,24 +49,20 @@ pub(super) struct Arguments {
     /// Print the results of chains that have not converged too
     #[arg(long)]
     show_unconverged: bool,
+    #[command(flatten)]
+    files: FileArguments,
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let problems = read_problems(&arguments.problems)?;
-    let ChoiceFile { data, left_out } = read_choices(&arguments.choices, problems)?;
-    let reference_reward = match arguments.reference_reward {
-        Some(reward) => reward,
-        None => default_reference_reward(data.problems())
-            .with_context(|| format!("{}", arguments.problems.display()))?,
-    };
+    let source = Source::read(&arguments.source)?;
+    let ChoiceFile { data, left_out } = read_choices(&arguments.choices, source.problems)?;
     let settings = FitSettings {
-        priors: Priors::with_weighting_floor(arguments.weighting_floor),
-        reference_reward: Some(reference_reward),
         chains: arguments.chains as usize,
         draws: arguments.draws as usize,
         seed: arguments.seed,
-        ..FitSettings::default()
+        ..source.settings
     };
+    arguments.files.check(&arguments.models, settings.chains)?;
     let mut fits: Vec<Fit> = Vec::new();
     for model in &arguments.models {
         if fits.iter().all(|fit| fit.model != *model) {
@@ -100,7 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             left_out: left_out.unanswered,
             other_problems: left_out.other_problems,
             seed: arguments.seed,
-            reference_reward,
+            reference_reward: source.reference_reward,
         };
         serde_json::to_writer(&mut text, &report)?;
         text.push(b'\n');
@@ -113,6 +103,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             arguments.show_unconverged,
         )?;
     }
+    let shown: Vec<&Fit> = fits
+        .iter()
+        .filter(|fit| fit.summary.converged || arguments.show_unconverged)
+        .collect();
+    arguments.files.write_draws(&data, &shown)?;
+    arguments.files.write_report(
+        &format!("{} with {}", arguments.choices.display(), source.name),
+        &data,
+        &fits,
+        arguments.show_unconverged,
+        Clock::start().now(),
+    )?;
     match io::stdout().write_all(&text) {
         // Whoever reads has seen enough.
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
@@ -165,20 +167,6 @@ fn with_progress<T>(
     });
     bar.finish_and_clear();
     result
-}
-
-fn weighting_floor(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(floor) if (0.0..1.0).contains(&floor) => Ok(floor),
-        _ => Err("allowed is a number from 0 to below 1".to_owned()),
-    }
-}
-
-fn reference_reward(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(reward) if reward.is_finite() && reward != 0.0 => Ok(reward),
-        _ => Err("allowed is a finite number other than 0".to_owned()),
-    }
 }
 
 fn model(text: &str) -> Result<&'static ChoiceModel, String> {

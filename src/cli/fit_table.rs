@@ -5,6 +5,7 @@ use std::io::{self, Write};
 use super::choice_files::LeftOut;
 use crate::inference::accuracy::{CellAccuracy, LnKl, Shares, pooled};
 use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
+use crate::model::{Curvature, Parameter};
 
 /// Writes a comparison of the models with chance, then each model's parameters, then what each predicts.
 pub(super) fn write_table(
@@ -32,6 +33,14 @@ pub(super) fn write_table(
         write_diagnostics(out, fit)?;
         if fit.summary.converged || show_unconverged {
             write_parameters(out, fit)?;
+            write_loss_aversion(out, fit, &shown)?;
+        }
+        let notes = &fit.summary.notes;
+        for note in notes
+            .iter()
+            .filter(|note| fit.summary.converged || show_unconverged || note.is_diagnostic())
+        {
+            writeln!(out, "  Note: {note}")?;
         }
     }
     if !shown.is_empty() {
@@ -171,6 +180,40 @@ fn write_parameters(out: &mut dyn Write, fit: &Fit) -> io::Result<()> {
             short(found.q50),
             short(found.q95),
             best.map_or_else(|| "-".to_owned(), short),
+        )?;
+    }
+    Ok(())
+}
+
+/// Loss aversion where it depends on the amount, with what a model of one curvature says beside it.
+fn write_loss_aversion(out: &mut dyn Write, fit: &Fit, shown: &[&Fit]) -> io::Result<()> {
+    let Some(amounts) = &fit.summary.loss_aversion else {
+        return Ok(());
+    };
+    writeln!(out, "  loss aversion -v(-x)/v(x), median (5 % to 95 %)")?;
+    for at in amounts {
+        writeln!(
+            out,
+            "    at {:<10} {:>10} ({} to {})",
+            at.amount,
+            short(at.q50),
+            short(at.q5),
+            short(at.q95)
+        )?;
+    }
+    let one_curvature = shown.iter().find_map(|other| {
+        let has_one =
+            other.model.curvature == Curvature::Shared && other.model.is_free(Parameter::Lambda);
+        let lambda = other.summary.parameters.as_ref()?.get("lambda")?;
+        has_one.then_some((other.model.label, lambda))
+    });
+    if let Some((label, lambda)) = one_curvature {
+        writeln!(
+            out,
+            "    any amount    {:>10} ({} to {}) in {label}",
+            short(lambda.q50),
+            short(lambda.q5),
+            short(lambda.q95)
         )?;
     }
     Ok(())

@@ -1,14 +1,22 @@
 //! The commands of the `riskaware` binary.
 
+mod calibrate;
 mod choice_files;
 mod demo;
 mod fit;
+mod fit_files;
+mod fit_source;
 mod fit_table;
 mod health;
 mod load;
+mod parallel;
 mod predict;
+mod recover;
 mod serve;
 pub mod simulation;
+mod sweep;
+mod sweep_drawing;
+mod sweep_text;
 
 use std::{io::IsTerminal, process::ExitCode};
 
@@ -59,6 +67,12 @@ enum Command {
     Fit(fit::Arguments),
     /// Read choice problems line by line and write choice probabilities
     Predict(predict::Arguments),
+    /// Check by simulation that fits are calibrated
+    Calibrate(calibrate::Arguments),
+    /// Tell what a study of a given size would find: parameter recovery and power
+    Recover(recover::Arguments),
+    /// Fit models to simulated shares of one problem, or over the gap of expected rewards
+    Sweep(sweep::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -104,6 +118,9 @@ impl Command {
             Self::Load(args) => block_on(load::run(args)),
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

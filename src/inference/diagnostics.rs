@@ -440,7 +440,7 @@ mod tests {
     fn diagnostics_agree_with_arviz() {
         let text = include_str!("../../tests/data/diagnostics.json");
         let vectors: Vectors = serde_json::from_str(text).unwrap();
-        assert!(vectors.cases.iter().count() >= 16);
+        assert_eq!(vectors.cases.iter().count(), 16, "every vector there is");
         for (name, case) in vectors.cases.iter() {
             let chains: Vec<&[f64]> = case.draws.iter().map(Vec::as_slice).collect();
             let found = Convergence::of(&chains);
@@ -454,6 +454,19 @@ mod tests {
                 "mcse of mean",
                 mcse_mean(&chains),
                 expected("mcse_mean"),
+            );
+            check(
+                name,
+                "mcse of median",
+                mcse_quantile(&chains, 0.5),
+                expected("mcse_median"),
+            );
+            let ess_median = expected("ess_quantile_0.5");
+            check(
+                name,
+                "ess of median",
+                ess_quantile(&chains, 0.5),
+                ess_median,
             );
             for (probability, key) in [(0.05, "0.05"), (0.95, "0.95")] {
                 let ess = expected(&format!("ess_quantile_{key}"));

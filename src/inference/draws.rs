@@ -29,6 +29,40 @@ impl Quantity {
     }
 }
 
+impl Quantity {
+    /// Its letter, as the paper writes it.
+    pub const fn symbol(self) -> &'static str {
+        match self {
+            Self::Parameter(Parameter::Alpha) => "α",
+            Self::Parameter(Parameter::Beta) => "β",
+            Self::Parameter(Parameter::Gamma) => "γ",
+            Self::Parameter(Parameter::Delta) => "δ",
+            Self::Parameter(Parameter::Lambda) => "λ",
+            Self::Parameter(Parameter::Theta) => "θ",
+            Self::Parameter(Parameter::EtaGain) => "η⁺",
+            Self::Parameter(Parameter::EtaLoss) => "η⁻",
+            Self::Tau => "τ",
+            Self::LambdaTheta => "λ·θ",
+        }
+    }
+
+    /// What it stands for, in a few words; `None` for a product of others.
+    pub const fn meaning(self) -> Option<&'static str> {
+        match self {
+            Self::Parameter(Parameter::Alpha) => Some("curvature of gains"),
+            Self::Parameter(Parameter::Beta) => Some("curvature of losses"),
+            Self::Parameter(Parameter::Gamma) => Some("weighting of gains"),
+            Self::Parameter(Parameter::Delta) => Some("weighting of losses"),
+            Self::Parameter(Parameter::Lambda) => Some("loss aversion"),
+            Self::Parameter(Parameter::Theta) => Some("sensitivity"),
+            Self::Parameter(Parameter::EtaGain) => Some("elevation of the weighting of gains"),
+            Self::Parameter(Parameter::EtaLoss) => Some("elevation of the weighting of losses"),
+            Self::Tau => Some("sensitivity in logits at the reference reward"),
+            Self::LambdaTheta => None,
+        }
+    }
+}
+
 impl fmt::Display for Quantity {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(self.key())

@@ -8,6 +8,7 @@ use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile, variance};
 use super::likelihood::Predictor;
 use super::maximum_likelihood::{maximum_likelihood, posterior_mode};
+use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
 use super::sampled::{Sampled, Sampling, Warm};
@@ -291,6 +292,8 @@ fn fit_from(
                 .collect(),
         ),
         posterior_mode: mode,
+        loss_aversion: None,
+        notes: Vec::new(),
         log_marginal_likelihood: sampled.ln_evidence,
         log_kl: Some(
             accuracy
@@ -310,7 +313,7 @@ fn fit_from(
         priors: settings.priors,
         options,
     };
-    Ok(Fit {
+    let mut fitted = Fit {
         model,
         settings: settings.clone(),
         reference_reward,
@@ -328,7 +331,9 @@ fn fit_from(
             prior_draws,
             prior_sorted,
         },
-    })
+    };
+    annotate(&mut fitted, data);
+    Ok(fitted)
 }
 
 /// Evenly spread draws of the prior, and each column of them in increasing order.

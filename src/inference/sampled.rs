@@ -350,7 +350,11 @@ impl Sampled {
         self.ln_predicted[range.start..range.end - 1]
             .iter()
             .filter(|column| column.iter().any(|value| (value - column[0]).abs() > 1e-12))
-            .map(|column| Convergence::with(scores, &self.draws.by_chain(column)))
+            .map(|column| {
+                // R̂ folds the values about their median, so that of ln P would be another one.
+                let probabilities: Vec<f64> = column.iter().map(|ln_p| exp(*ln_p)).collect();
+                Convergence::with(scores, &self.draws.by_chain(&probabilities))
+            })
             .reduce(|left, right| Convergence {
                 rhat: if left.rhat.is_nan() {
                     left.rhat

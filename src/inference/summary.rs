@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::Priors;
 use super::accuracy::LnKl;
 use super::diagnostics::Convergence;
+use super::{LossAversion, Note, Priors};
 use crate::model::{OrderedMap, RiskAwareOptions};
 
 /// The summary of a fit. In JSON numbers that do not exist are `null`.
@@ -25,6 +25,12 @@ pub struct FitSummary {
     pub max_likelihood_parameters: Option<OrderedMap<Option<f64>>>,
     /// The parameters at the highest posterior density on the sampler's coordinates.
     pub posterior_mode: Option<OrderedMap<f64>>,
+    /// Loss aversion at the study's small, median and large amounts, where it depends on the amount.
+    #[serde(default)]
+    pub loss_aversion: Option<Vec<LossAversion>>,
+    /// What limits the reading of this fit.
+    #[serde(default)]
+    pub notes: Vec<Note>,
     /// ln of the likelihood averaged over the prior.
     pub log_marginal_likelihood: Option<Estimate>,
     /// ln KL of each problem that has answers, over independent posterior samples.
@@ -64,6 +70,13 @@ impl FitSummary {
             max_log_likelihood: None,
             max_likelihood_parameters: None,
             posterior_mode: None,
+            loss_aversion: None,
+            notes: self
+                .notes
+                .iter()
+                .filter(|note| note.is_diagnostic())
+                .cloned()
+                .collect(),
             log_marginal_likelihood: None,
             log_kl: None,
             predicted: None,
@@ -186,6 +199,6 @@ pub struct Estimate {
 }
 
 /// JSON has no NaN: it is written as `null` and read back.
-fn null_as_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+pub(super) fn null_as_nan<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     Ok(Option::<f64>::deserialize(deserializer)?.unwrap_or(f64::NAN))
 }

@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, sync::Arc};
 
-use super::snapshot_cache::SnapshotCache;
+use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
     store::{self, Store, VersionId},
     study::{ParseError, Study, StudyId, built_in},
@@ -16,6 +16,8 @@ pub struct Catalogue {
     versions: HashMap<VersionId, Arc<Study>>,
     /// What was read of them last.
     pub(super) snapshots: SnapshotCache,
+    /// What this server remembers of its fits.
+    pub(super) live_fits: LiveFits,
 }
 
 /// Why the studies cannot be served.
@@ -54,6 +56,7 @@ impl Catalogue {
             current: Vec::new(),
             versions: HashMap::new(),
             snapshots: SnapshotCache::default(),
+            live_fits: LiveFits::default(),
         };
         for study in studies {
             let version = store

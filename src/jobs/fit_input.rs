@@ -8,7 +8,7 @@ use crate::{
     inference::{
         ChoiceData, FitSettings, FittedProblem, PAPER_RANGE_FLOOR, Prior, Priors, WEIGHTING_FLOOR,
     },
-    model::{ChoiceModel, ChoiceProblem, OrderedMap, PAPER_MODELS},
+    model::{ChoiceModel, ChoiceProblem, OrderedMap},
     store::{Fit, FitKey},
     study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
 };
@@ -47,12 +47,12 @@ struct Canonical<'a> {
 }
 
 impl FitInput {
-    /// Every model with every part of every plan, in file order.
+    /// Every model of the study with every part of every plan, in file order.
     pub(super) fn all(study: &Study, counts: &StudyCounts) -> Vec<Self> {
         let mut inputs = Vec::new();
         for plan in study.plans() {
             for part in &plan.parts {
-                for model in PAPER_MODELS {
+                for model in study.models() {
                     inputs.extend(Self::new(study, &plan.id, part, model, counts));
                 }
             }
@@ -92,7 +92,7 @@ impl FitInput {
             cells,
             model,
             data,
-            settings: settings(study, seed(study.id(), plan, &part.id, model)),
+            settings: fit_settings(study, seed(study.id(), plan, &part.id, model)),
             hash: String::new(),
         };
         input.hash = input.hash_of(study.id());
@@ -156,13 +156,25 @@ fn seed(study: &StudyId, plan: &PlanId, part: &PartId, model: &ChoiceModel) -> u
     first >> 11
 }
 
-fn settings(study: &Study, seed: u64) -> FitSettings {
+/// The settings with which the models are fitted to a study's choices.
+pub fn fit_settings(study: &Study, seed: u64) -> FitSettings {
     let wanted = study.fit();
-    let mut priors = Priors::with_weighting_floor(match wanted.weighting {
+    let priors = Priors::with_weighting_floor(match wanted.weighting {
         study::Weighting::Monotone => WEIGHTING_FLOOR,
         study::Weighting::PaperRange => PAPER_RANGE_FLOOR,
     });
-    let changes = &wanted.priors;
+    FitSettings {
+        priors: changed_priors(priors, &wanted.priors),
+        options: wanted.options,
+        reference_reward: Some(study.reference_reward()),
+        samples: wanted.samples,
+        seed,
+        ..FitSettings::default()
+    }
+}
+
+/// Priors with those replaced that a file names.
+pub fn changed_priors(mut priors: Priors, changes: &study::Priors) -> Priors {
     for (prior, change) in [
         (&mut priors.alpha, changes.alpha),
         (&mut priors.beta, changes.beta),
@@ -181,14 +193,7 @@ fn settings(study: &Study, seed: u64) -> FitSettings {
             }
         }
     }
-    FitSettings {
-        priors,
-        options: wanted.options,
-        reference_reward: Some(study.reference_reward()),
-        samples: wanted.samples,
-        seed,
-        ..FitSettings::default()
-    }
+    priors
 }
 
 #[cfg(test)]
@@ -239,7 +244,7 @@ mod tests {
             assert_eq!(before.settings.seed, after.settings.seed);
             moved += usize::from(has_cell);
         }
-        assert_eq!(moved, study.plans().len() * PAPER_MODELS.len());
+        assert_eq!(moved, study.plans().len() * study.models().len());
     }
 
     #[test]

@@ -8,6 +8,7 @@ use crate::{
         Draws, Fit, FitSummary, Quantity,
         accuracy::CellAccuracy,
         curves::{Curves, curves},
+        predictive_check::{PredictiveCheck, checks_of_fit},
     },
     model::{ChoiceProblem, OrderedMap, model_named},
     store::{self, FitOutcome},
@@ -29,6 +30,9 @@ pub struct FitReport {
     pub curves: Option<Curves>,
     /// What the columns of the stored draws are.
     pub quantities: Vec<Quantity>,
+    /// Each cell's answers beside answers replicated from the fit; none in a fit stored before there were such checks.
+    #[serde(default)]
+    pub predictive_check: Vec<PredictiveCheck>,
 }
 
 impl FitReport {
@@ -55,6 +59,11 @@ impl FitReport {
                 .iter()
                 .map(|(quantity, _)| *quantity)
                 .collect(),
+            predictive_check: if is_converged {
+                checks_of_fit(fit, input.data.problems(), input.data.totals())
+            } else {
+                Vec::new()
+            },
         }
     }
 

@@ -6,25 +6,39 @@
 //! * [`StudyCounts`]: what was chosen, in the study's own order;
 //! * `fit_input`: what a fit depends on, its hash and its seed;
 //! * [`FitReport`]: what is stored of a fit;
+//! * `fitting`: one fit, from its input to its report; `lane`: the threads on which fits run; `live_fits`: what is
+//!   remembered of them; `quiet`: when a study is idle;
 //! * [`refit`], [`closing`]: the two background tasks;
-//! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest.
+//! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
+//! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
+//!   `known_fits` the fits that were read for it.
 //!
-//! Every fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
-//! the hashes alone, also after a restart.
+//! A final fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
+//! the hashes alone, also after a restart. A provisional fit shows what it will say while answers keep coming.
 
 mod catalogue;
 pub mod closing;
 mod counts;
 mod fit_input;
 mod fit_report;
+mod fitting;
+mod known_fits;
+mod lane;
+mod live_fits;
+mod quiet;
 pub mod refit;
 mod snapshot;
 mod snapshot_cache;
+mod sweep_problems;
+mod sweeps;
 
 pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
+pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
-pub use snapshot::{PartFit, PartState, Snapshot, Version};
+pub use snapshot::{Blind, PartFit, PartState, Snapshot, Version};
+pub use sweep_problems::{SweptProblem, swept_problems};
+pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
 
 use std::sync::Arc;
 

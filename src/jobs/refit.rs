@@ -1,25 +1,27 @@
-//! Fits what changed, in the background: one fit at a time on a thread of its own, never delaying answers.
+//! Fits what changed, in the background, never delaying answers.
+//!
+//! Two threads. The live one carries out rounds: all parts of a study whose answers changed, each from the fit before
+//! it on, which takes about a millisecond; what comes out is provisional. The other one fits from nothing: parts that no
+//! fit was made of yet, parts whose refits take long, and, once a study is idle or closed, everything provisional, which
+//! becomes final.
 
-use std::{
-    any::Any,
-    collections::HashMap,
-    ops::ControlFlow,
-    panic::{AssertUnwindSafe, catch_unwind},
-    sync::Arc,
-    time::Duration,
-};
+use std::{collections::HashMap, sync::Arc, time::Duration};
 
-use tokio::{
-    sync::{broadcast::error::RecvError, mpsc, oneshot},
-    time::Instant,
-};
+use tokio::{sync::broadcast::error::RecvError, task::JoinHandle, time::Instant};
 use tokio_util::sync::CancellationToken;
 
-use super::{Catalogue, FitReport, Snapshot, fit_input::FitInput, fit_report::blob};
+use super::{
+    Catalogue, PartFit, Snapshot,
+    fit_input::FitInput,
+    fit_report::blob,
+    fitting::{self, FitFailure},
+    lane::{Ended, Lane},
+    live_fits::LiveFit,
+    quiet::Quiet,
+};
 use crate::{
-    inference::{FitError, fit},
-    store::{self, FitOutcome, FitState, NewFit, Population, Store},
-    study::Study,
+    store::{self, FitKey, FitOutcome, FitState, NewFit, Population, Store, StudyState, VersionId},
+    study::{Study, StudyId},
 };
 
 /// A change whose notice was missed is found by then.
@@ -28,11 +30,16 @@ const POLL_INTERVAL: Duration = Duration::from_secs(30);
 const MAX_ATTEMPTS: u32 = 3;
 /// Pause after the database or a fit failed; after each further failure of the same fit four times the one before.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
+/// Processor time after which a round is stored and what is left waits for the next, so that other studies have their
+/// turn.
+const ROUND_US: u64 = 20_000;
+/// A part whose refit takes longer than this has no place among the live ones.
+const SLOW_US: u64 = 50_000;
 
 /// Refits the current studies of one population whenever their answers changed, until `stop`.
 ///
-/// What is behind follows from input hashes, so nothing is lost by a restart. The counts are read anew before each fit:
-/// a hundred answers that arrive during one fit cause one fit more, not a hundred.
+/// What is behind follows from input hashes, so nothing is lost by a restart. The counts are read anew before each round:
+/// a hundred answers that arrive during one round cause one round more, not a hundred.
 pub async fn run(
     store: Store,
     catalogue: Arc<Catalogue>,
@@ -40,108 +47,413 @@ pub async fn run(
     stop: CancellationToken,
 ) {
     let mut changes = store.subscribe();
-    let worker = match Worker::start(stop.clone()) {
-        Ok(worker) => worker,
-        Err(error) => {
-            tracing::error!(%error, "the thread for fits could not be started; nothing is fitted");
+    let (live, cold) = match (Lane::start("refit"), Lane::start("cold fit")) {
+        (Ok(live), Ok(cold)) => (Arc::new(live), Arc::new(cold)),
+        (Err(error), _) | (_, Err(error)) => {
+            tracing::error!(%error, "the threads for fits could not be started; nothing is fitted");
             return;
         }
     };
-    let mut failures = Failures::default();
+    let mut refits = Refits {
+        store,
+        catalogue,
+        population,
+        stop: stop.clone(),
+        live: Place::of(live),
+        cold: Place::of(cold),
+        failures: Failures::default(),
+        quiet: Quiet::default(),
+        turns: HashMap::new(),
+    };
     while !stop.is_cancelled() {
-        match refit_next(&store, &catalogue, population, &worker, &mut failures).await {
-            Ok(Progress::Fitted) => continue,
-            Ok(Progress::Idle) => {}
-            Err(store::Error::Busy) => pause(&stop).await,
-            Err(error) => {
-                if !stop.is_cancelled() {
-                    tracing::error!(%error, "refits could not read or write the database");
-                }
-                pause(&stop).await;
-            }
+        if let Err(error) = refits.look().await {
+            refits.rest_after(&error).await;
         }
+        let wake = refits.wake(Instant::now());
         tokio::select! {
             change = changes.recv() => match change {
                 Ok(_) | Err(RecvError::Lagged(_)) => {}
-                Err(RecvError::Closed) => return,
+                Err(RecvError::Closed) => break,
             },
-            () = tokio::time::sleep_until(failures.wake(Instant::now())) => {}
-            () = stop.cancelled() => {}
+            ended = refits.live.ended() => refits.note(ended).await,
+            ended = refits.cold.ended() => refits.note(ended).await,
+            () = tokio::time::sleep_until(wake) => {}
+            () = stop.cancelled() => break,
         }
     }
+    refits.live.finish().await;
+    refits.cold.finish().await;
 }
 
-async fn pause(stop: &CancellationToken) {
-    tokio::select! {
-        () = tokio::time::sleep(RETRY_PAUSE) => {}
-        () = stop.cancelled() => {}
-    }
-}
-
-enum Progress {
-    Fitted,
-    Idle,
-}
-
-/// Runs the fit that is furthest behind, if one is.
-async fn refit_next(
-    store: &Store,
-    catalogue: &Catalogue,
+struct Refits {
+    store: Store,
+    catalogue: Arc<Catalogue>,
     population: Population,
-    worker: &Worker,
-    failures: &mut Failures,
-) -> Result<Progress, store::Error> {
-    let mut due: Option<Due> = None;
-    for study in catalogue.studies() {
-        let Some(snapshot) = Snapshot::read(store, catalogue, population, study.id()).await? else {
-            continue;
-        };
-        if let Some(found) = most_behind(&snapshot, failures, Instant::now())
-            && due
-                .as_ref()
-                .is_none_or(|due| found.fitted_at < due.fitted_at)
-        {
-            due = Some(found);
+    stop: CancellationToken,
+    live: Place,
+    cold: Place,
+    failures: Failures,
+    quiet: Quiet,
+    /// When each study had its last turn, counted in rounds.
+    turns: HashMap<StudyId, u64>,
+}
+
+/// A thread and what runs there.
+struct Place {
+    lane: Arc<Lane>,
+    running: Option<Running>,
+}
+
+struct Running {
+    task: JoinHandle<RoundEnd>,
+    study: StudyId,
+    keys: Vec<FitKey>,
+    data_version: i64,
+    /// A final fit of answers that are not the latest any more is of no use.
+    is_final: bool,
+    cancel: CancellationToken,
+}
+
+type RoundEnd = Result<Vec<Failed>, store::Error>;
+
+/// A fit that broke off.
+struct Failed {
+    study: StudyId,
+    input: Arc<FitInput>,
+    attempts: u32,
+    message: String,
+}
+
+impl Place {
+    fn of(lane: Arc<Lane>) -> Self {
+        Self {
+            lane,
+            running: None,
         }
     }
-    let Some(due) = due else {
-        return Ok(Progress::Idle);
-    };
-    let Some((version, _)) = catalogue.current(due.study.id()) else {
-        return Ok(Progress::Idle);
-    };
-    let Due {
-        study,
-        input,
-        data_version,
-        attempts,
-        ..
-    } = due;
-    // No answer means that the server is ending.
-    let Some(finished) = worker.fit(input.clone()).await else {
-        return Ok(Progress::Idle);
-    };
-    if let FitOutcome::Failed(message) = &finished.outcome
-        && failures.note(&input.hash, attempts, Instant::now())
-    {
-        tracing::error!(study = %study.id(), plan = %input.plan, part = %input.part, model = input.model.id, message, "a fit failed");
-    }
-    store
-        .save_fit(NewFit {
-            study: study.id().clone(),
-            population,
-            key: input.key(),
-            input_hash: input.hash.clone(),
-            data_version,
-            version,
-            seed: input.settings.seed,
-            attempts,
-            cpu_ms: finished.cpu_ms,
-            outcome: finished.outcome,
-            draws: finished.draws,
+
+    /// What came out of what runs here, once it has ended; for ever if nothing runs.
+    async fn ended(&mut self) -> RoundEnd {
+        let Some(running) = &mut self.running else {
+            return std::future::pending().await;
+        };
+        let ended = (&mut running.task).await;
+        self.running = None;
+        ended.unwrap_or_else(|error| {
+            tracing::error!(%error, "a round of fits ended badly");
+            Ok(Vec::new())
         })
-        .await?;
-    Ok(Progress::Fitted)
+    }
+
+    async fn finish(&mut self) {
+        if self.running.is_some()
+            && let Err(error) = self.ended().await
+        {
+            tracing::debug!(%error, "the last fits were not stored");
+        }
+    }
+
+    fn has(&self, study: &StudyId, key: &FitKey) -> bool {
+        self.running
+            .as_ref()
+            .is_some_and(|running| running.study == *study && running.keys.contains(key))
+    }
+}
+
+impl Refits {
+    /// Looks at all studies and starts what is due where a thread is free.
+    async fn look(&mut self) -> Result<(), store::Error> {
+        let now = Instant::now();
+        let mut live: Option<Round> = None;
+        let mut cold: Option<Round> = None;
+        for study in self.catalogue.studies() {
+            let id = study.id();
+            let read = Snapshot::read(&self.store, &self.catalogue, self.population, id).await?;
+            let Some((snapshot, (version, _))) = read.zip(self.catalogue.current(id)) else {
+                continue;
+            };
+            self.quiet.note(id, snapshot.version.data_version, now);
+            self.cold.cancel_if_needless(&snapshot);
+            let turn = self.turns.get(id).copied().unwrap_or(0);
+            let round = |dues| Round {
+                study: snapshot.study.clone(),
+                version,
+                data_version: snapshot.version.data_version,
+                turn,
+                dues,
+            };
+            let (of_live, of_cold) = self.due(&snapshot, now);
+            if !of_live.is_empty() && live.as_ref().is_none_or(|other| turn < other.turn) {
+                live = Some(round(of_live));
+            }
+            if let Some(first) = of_cold.into_iter().min_by_key(Due::urgency) {
+                let is_sooner = |other: &Round| {
+                    let other = (other.dues[0].urgency(), other.turn);
+                    (first.urgency(), turn) < other
+                };
+                if cold.as_ref().is_none_or(is_sooner) {
+                    cold = Some(round(vec![first]));
+                }
+            }
+        }
+        for (round, is_live) in [(live, true), (cold, false)] {
+            if let Some(round) = round {
+                self.start(round, is_live);
+            }
+        }
+        Ok(())
+    }
+
+    /// What of a study is due: on the live thread, and on the other one.
+    fn due(&self, snapshot: &Snapshot, now: Instant) -> (Vec<Due>, Vec<Due>) {
+        let id = snapshot.study.id();
+        let is_settled = snapshot.state == StudyState::Closed || self.quiet.is_idle(id, now);
+        let (mut live, mut cold) = (Vec::new(), Vec::new());
+        for part in &snapshot.fits {
+            let key = part.input.key();
+            if self.failures.is_resting(&part.input.hash, now)
+                || self.live.has(id, &key)
+                || self.cold.has(id, &key)
+            {
+                continue;
+            }
+            let known = self.catalogue.live_fits.get(id, self.population, &key);
+            let Some(due) = Due::of(part, known, is_settled) else {
+                continue;
+            };
+            match &due.previous {
+                Some(previous) if previous.warm_us <= SLOW_US => live.push(due),
+                Some(_) | None => cold.push(due),
+            }
+        }
+        if self.live.running.is_some() {
+            live.clear();
+        }
+        if self.cold.running.is_some() {
+            cold.clear();
+        }
+        (live, cold)
+    }
+
+    fn start(&mut self, round: Round, is_live: bool) {
+        let last = self.turns.values().copied().max().unwrap_or(0);
+        self.turns.insert(round.study.id().clone(), last + 1);
+        let place = if is_live {
+            &mut self.live
+        } else {
+            &mut self.cold
+        };
+        let cancel = self.stop.child_token();
+        place.running = Some(Running {
+            study: round.study.id().clone(),
+            keys: round.dues.iter().map(|due| due.input.key()).collect(),
+            data_version: round.data_version,
+            is_final: round.dues.iter().all(|due| due.is_final),
+            cancel: cancel.clone(),
+            task: tokio::spawn(round.carry_out(
+                self.store.clone(),
+                self.catalogue.clone(),
+                self.population,
+                place.lane.clone(),
+                cancel,
+            )),
+        });
+    }
+
+    async fn note(&mut self, ended: RoundEnd) {
+        match ended {
+            Ok(failed) => {
+                for Failed {
+                    study,
+                    input,
+                    attempts,
+                    message,
+                } in failed
+                {
+                    if self.failures.note(&input.hash, attempts, Instant::now()) {
+                        tracing::error!(%study, plan = %input.plan, part = %input.part, model = input.model.id, message, "a fit failed");
+                    }
+                }
+            }
+            Err(error) => self.rest_after(&error).await,
+        }
+    }
+
+    async fn rest_after(&self, error: &store::Error) {
+        let is_busy = matches!(error, store::Error::Busy);
+        if !is_busy && !self.stop.is_cancelled() {
+            tracing::error!(%error, "refits could not read or write the database");
+        }
+        tokio::select! {
+            () = tokio::time::sleep(RETRY_PAUSE) => {}
+            () = self.stop.cancelled() => {}
+        }
+    }
+
+    /// When to look again at the latest.
+    fn wake(&self, now: Instant) -> Instant {
+        let wake = self.failures.wake(now);
+        self.quiet.wake(now).map_or(wake, |idle| wake.min(idle))
+    }
+}
+
+impl Place {
+    /// Stops a final fit of a study whose answers have changed since it began.
+    fn cancel_if_needless(&self, snapshot: &Snapshot) {
+        if let Some(running) = &self.running
+            && running.is_final
+            && running.study == *snapshot.study.id()
+            && running.data_version != snapshot.version.data_version
+        {
+            running.cancel.cancel();
+        }
+    }
+}
+
+/// A fit that is to be run.
+struct Due {
+    input: Arc<FitInput>,
+    /// From where; from nothing without it.
+    previous: Option<Arc<LiveFit>>,
+    /// It replaces a provisional fit of the same answers.
+    is_final: bool,
+    /// The data that the part was last fitted to.
+    fitted_at: Option<i64>,
+    attempts: u32,
+}
+
+impl Due {
+    /// The fit that a part needs now, if it needs one.
+    fn of(part: &PartFit, known: Option<Arc<LiveFit>>, is_settled: bool) -> Option<Self> {
+        let input = &part.input;
+        if input.data.n() == 0 {
+            return None;
+        }
+        let of_these = part.fit.as_ref().filter(|fit| fit.input_hash == input.hash);
+        let (attempts, is_final) = match of_these {
+            None => (1, false),
+            Some(fit) => match fit.outcome.state() {
+                FitState::Converged | FitState::Unconverged if fit.is_provisional => {
+                    if !is_settled {
+                        return None;
+                    }
+                    (1, true)
+                }
+                FitState::Converged | FitState::Unconverged => return None,
+                FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
+                FitState::Failed => (fit.attempts + 1, false),
+            },
+        };
+        // What failed once is not tried again from the same point.
+        let is_first = attempts == 1 && !is_final && !is_settled;
+        Some(Self {
+            input: input.clone(),
+            previous: known.filter(|_| is_first),
+            is_final,
+            fitted_at: part.fit.as_ref().map(|fit| fit.data_version),
+            attempts,
+        })
+    }
+
+    /// The least goes first: what has newer answers before what is to become final, and of those the one that waits
+    /// longest, so that no part waits for ever while answers keep arriving.
+    fn urgency(&self) -> (bool, Option<i64>) {
+        (self.is_final, self.fitted_at)
+    }
+}
+
+/// Fits of one study that are stored together.
+struct Round {
+    study: Arc<Study>,
+    version: VersionId,
+    data_version: i64,
+    turn: u64,
+    dues: Vec<Due>,
+}
+
+impl Round {
+    async fn carry_out(
+        self,
+        store: Store,
+        catalogue: Arc<Catalogue>,
+        population: Population,
+        lane: Arc<Lane>,
+        stop: CancellationToken,
+    ) -> RoundEnd {
+        let study = self.study.id();
+        let (mut fits, mut failures) = (Vec::new(), Vec::new());
+        let mut spent_us = 0;
+        for due in &self.dues {
+            if spent_us > ROUND_US {
+                break;
+            }
+            let work = {
+                let (input, previous) = (due.input.clone(), due.previous.clone());
+                let stop = stop.clone();
+                move || {
+                    let warm_start = previous.as_ref().map(|previous| &previous.warm_start);
+                    fitting::run(&input, warm_start, &stop)
+                }
+            };
+            let Ok(done) = lane.run(work).await.map_err(|Ended| ()) else {
+                return Ok(Vec::new());
+            };
+            spent_us += done.cpu_us;
+            let cpu_ms = done.cpu_ms();
+            let warm_us = due.previous.as_ref().map_or(0, |_| done.cpu_us);
+            let mut new = NewFit {
+                study: study.clone(),
+                population,
+                key: due.input.key(),
+                input_hash: due.input.hash.clone(),
+                data_version: self.data_version,
+                version: self.version,
+                seed: due.input.settings.seed,
+                attempts: due.attempts,
+                is_provisional: false,
+                cpu_ms,
+                outcome: FitOutcome::Failed(String::new()),
+                draws: None,
+            };
+            let message = match done.result {
+                Ok(Ok(fitted)) => {
+                    new.is_provisional = fitted.fit.summary.provisional;
+                    new.outcome = fitted.outcome;
+                    // Those of a provisional fit are kept in memory: they would be most of what is written.
+                    new.draws = (!new.is_provisional).then(|| blob(&fitted.fit.draws));
+                    let live = LiveFit {
+                        input_hash: new.input_hash.clone(),
+                        is_provisional: new.is_provisional,
+                        report: Arc::new(fitted.report),
+                        draws: Arc::new(fitted.fit.draws),
+                        warm_start: fitted.fit.warm_start,
+                        warm_us,
+                    };
+                    // Before it is stored: whoever hears of it finds it.
+                    catalogue
+                        .live_fits
+                        .keep(study, population, new.key.clone(), live);
+                    fits.push(new);
+                    continue;
+                }
+                Ok(Err(FitFailure::Stopped)) => continue,
+                Ok(Err(failure)) => failure.to_string(),
+                Err(panic) => panic,
+            };
+            new.outcome = FitOutcome::Failed(message.clone());
+            fits.push(new);
+            failures.push(Failed {
+                study: study.clone(),
+                input: due.input.clone(),
+                attempts: due.attempts,
+                message,
+            });
+        }
+        if !fits.is_empty() {
+            store.save_fits(fits).await?;
+        }
+        Ok(failures)
+    }
 }
 
 /// Inputs whose fit failed while this server runs, and until when each rests. A rest delays no other part.
@@ -164,152 +476,6 @@ impl Failures {
         let rests = self.0.values().copied().filter(|until| *until > now);
         rests.fold(now + POLL_INTERVAL, Instant::min)
     }
-}
-
-/// A fit that is to be run.
-struct Due {
-    study: Arc<Study>,
-    input: Arc<FitInput>,
-    data_version: i64,
-    /// The data that the part was last fitted to; the oldest goes first, so that no part waits for ever while answers keep
-    /// arriving.
-    fitted_at: Option<i64>,
-    attempts: u32,
-}
-
-fn most_behind(snapshot: &Snapshot, failures: &Failures, now: Instant) -> Option<Due> {
-    let due = snapshot.fits.iter().filter_map(|part| {
-        if part.input.data.n() == 0 || failures.is_resting(&part.input.hash, now) {
-            return None;
-        }
-        let attempts = match &part.fit {
-            Some(fit) if fit.input_hash == part.input.hash => match fit.outcome.state() {
-                FitState::Converged | FitState::Unconverged => return None,
-                FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
-                FitState::Failed => fit.attempts + 1,
-            },
-            Some(_) | None => 1,
-        };
-        Some(Due {
-            study: snapshot.study.clone(),
-            input: part.input.clone(),
-            data_version: snapshot.version.data_version,
-            fitted_at: part.fit.as_ref().map(|fit| fit.data_version),
-            attempts,
-        })
-    });
-    // The first of equally old ones: file order.
-    due.min_by_key(|due| due.fitted_at)
-}
-
-/// The thread on which fits run. It ends when its worker is dropped.
-struct Worker {
-    jobs: mpsc::UnboundedSender<Job>,
-}
-
-struct Job {
-    input: Arc<FitInput>,
-    done: oneshot::Sender<Finished>,
-}
-
-struct Finished {
-    outcome: FitOutcome,
-    draws: Option<Vec<u8>>,
-    cpu_ms: u64,
-}
-
-impl Worker {
-    fn start(stop: CancellationToken) -> std::io::Result<Self> {
-        let (jobs, mut queue) = mpsc::unbounded_channel::<Job>();
-        std::thread::Builder::new()
-            .name("refit".to_owned())
-            .spawn(move || {
-                step_back();
-                while let Some(job) = queue.blocking_recv() {
-                    if let Some(finished) = finish(&job.input, &stop) {
-                        // Nobody waits any more when the server ends.
-                        drop(job.done.send(finished));
-                    }
-                }
-            })?;
-        Ok(Self { jobs })
-    }
-
-    /// The finished fit; `None` when the server is ending.
-    async fn fit(&self, input: Arc<FitInput>) -> Option<Finished> {
-        let (done, finished) = oneshot::channel();
-        self.jobs.send(Job { input, done }).ok()?;
-        finished.await.ok()
-    }
-}
-
-/// Lets answers go first: on Linux a thread has a priority of its own.
-fn step_back() {
-    if let Err(error) = rustix::process::nice(10) {
-        tracing::debug!(%error, "the priority of fits could not be lowered");
-    }
-}
-
-fn finish(input: &FitInput, stop: &CancellationToken) -> Option<Finished> {
-    let started = processor_ms();
-    // A fault in one fit must not take the others with it.
-    let result = catch_unwind(AssertUnwindSafe(|| run_fit(input, stop)));
-    let (outcome, draws) = match result {
-        Ok(Ok((outcome, draws))) => (outcome, Some(draws)),
-        Ok(Err(FitFailure::Fit(FitError::Stopped))) => return None,
-        Ok(Err(failure)) => (FitOutcome::Failed(failure.to_string()), None),
-        Err(panic) => (FitOutcome::Failed(panic_message(panic.as_ref())), None),
-    };
-    Some(Finished {
-        outcome,
-        draws,
-        cpu_ms: processor_ms().saturating_sub(started),
-    })
-}
-
-/// The processor time of this thread so far.
-fn processor_ms() -> u64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    let millis = time.tv_sec * 1000 + time.tv_nsec / 1_000_000;
-    u64::try_from(millis).unwrap_or(0)
-}
-
-#[derive(Debug, thiserror::Error)]
-enum FitFailure {
-    #[error(transparent)]
-    Fit(#[from] FitError),
-    #[error("the result could not be written as JSON: {0}")]
-    Report(#[from] serde_json::Error),
-}
-
-fn run_fit(
-    input: &FitInput,
-    stop: &CancellationToken,
-) -> Result<(FitOutcome, Vec<u8>), FitFailure> {
-    let mut watch = |_| {
-        if stop.is_cancelled() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    };
-    let fit = fit(input.model, &input.data, &input.settings, &mut watch)?;
-    let result = serde_json::to_string(&FitReport::new(input, &fit))?;
-    let outcome = if fit.summary.converged {
-        FitOutcome::Converged(result)
-    } else {
-        FitOutcome::Unconverged(result)
-    };
-    Ok((outcome, blob(&fit.draws)))
-}
-
-fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    format!(
-        "the program has a fault: {}",
-        text.unwrap_or_else(|| "no message".to_owned())
-    )
 }
 
 #[cfg(test)]

@@ -5,13 +5,19 @@ use std::sync::Arc;
 use serde::Serialize;
 
 use super::{
-    Catalogue, FitReport, StudyCounts, counts::analysis_set, fit_input::FitInput,
+    Catalogue, FitReport, StudyCounts,
+    counts::analysis_set,
+    fit_input::FitInput,
+    known_fits::{KnownFit, KnownFits},
     snapshot_cache::fresh,
 };
 use crate::{
-    inference::accuracy::CellAccuracy,
+    inference::{Draws, accuracy::CellAccuracy},
     model::ChoiceModel,
-    store::{AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, Totals},
+    store::{
+        AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, StudyState,
+        Totals,
+    },
     study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
 };
 
@@ -48,6 +54,8 @@ pub struct Snapshot {
     pub study: Arc<Study>,
     /// Of whom.
     pub population: Population,
+    /// Whether the study takes people in.
+    pub state: StudyState,
     /// Which data and fits.
     pub version: Version,
     /// Who took part.
@@ -56,6 +64,17 @@ pub struct Snapshot {
     pub counts: StudyCounts,
     /// Every part of every plan with every model, in file order.
     pub fits: Vec<PartFit>,
+    /// The stored fits, for the next snapshot.
+    known: KnownFits,
+}
+
+/// Results are hidden until enough people have finished.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Blind {
+    /// How many people it takes.
+    pub until: u64,
+    /// How many have finished.
+    pub completed: u64,
 }
 
 /// One model's fit to one part of a plan.
@@ -76,9 +95,11 @@ pub struct PartFit {
     /// How far it is.
     pub state: PartState,
     /// The latest stored fit of the problems as they are now.
-    pub fit: Option<Fit>,
+    pub fit: Option<Arc<Fit>>,
     /// What that fit found.
     report: Option<Arc<FitReport>>,
+    /// Its draws, where this server made it.
+    draws: Option<Arc<Draws>>,
     /// Newer answers wait to be fitted.
     pub is_behind: bool,
     /// What a fit to the answers as they are now depends on.
@@ -136,11 +157,20 @@ impl Snapshot {
         if let Some(snapshot) = fresh(kept.as_ref(), &people) {
             return Ok(Some(snapshot));
         }
+        let state = store.study(id).await?.state;
         let counts = store.cell_counts(id, population).await?;
-        let fits = store.latest_fits(id, population).await?;
-        // Parsing all fits takes long enough to hold up other requests.
+        let known = kept
+            .as_ref()
+            .map_or_else(KnownFits::default, |kept| kept.known.clone());
+        let (ids, new) = store.new_fits(id, population, &known.ids()).await?;
+        let live: Vec<_> = new
+            .iter()
+            .map(|fit| catalogue.live_fits.of(id, population, fit))
+            .collect();
+        // Reading fits that an earlier server made takes long enough to hold up other requests.
         let made = tokio::task::spawn_blocking(move || {
-            Arc::new(Self::new(study, population, people, &counts, &fits))
+            let known = known.renewed(&ids, new.into_iter().zip(live).collect());
+            Arc::new(Self::new(study, population, state, people, &counts, known))
         });
         let snapshot = match made.await {
             Ok(snapshot) => snapshot,
@@ -156,26 +186,35 @@ impl Snapshot {
     fn new(
         study: Arc<Study>,
         population: Population,
+        state: StudyState,
         people: Totals,
         counts: &[CellCount],
-        stored: &[Fit],
+        known: KnownFits,
     ) -> Self {
         let counts = StudyCounts::new(&study, counts);
         let fits = FitInput::all(&study, &counts)
             .into_iter()
             .map(|input| {
-                let fit = stored.iter().find(|fit| input.is_of(fit)).cloned();
-                PartFit::new(&study, input, fit)
+                let known = known.iter().find(|known| input.is_of(&known.fit));
+                PartFit::new(&study, input, known.cloned())
             })
             .collect();
         Self {
             version: Version::from(&people),
             study,
             population,
+            state,
             people,
             counts,
             fits,
+            known,
         }
+    }
+
+    /// What hides everything that tells how the models do; none once it may be shown. Who took part is never hidden.
+    pub fn blind(&self) -> Option<Blind> {
+        let (until, completed) = (self.study.blind_until()?, self.people.completed);
+        (completed < until).then_some(Blind { until, completed })
     }
 
     /// Whose answers the study analyses.
@@ -218,16 +257,15 @@ impl Snapshot {
 }
 
 impl PartFit {
-    fn new(study: &Study, input: FitInput, fit: Option<Fit>) -> Self {
-        let report = fit.as_ref().and_then(FitReport::read).map(Arc::new);
+    fn new(study: &Study, input: FitInput, known: Option<KnownFit>) -> Self {
         // A fit of other problems (the study file was changed) says nothing about the ones asked now.
-        let is_of_these_problems = report
-            .as_ref()
-            .is_none_or(|report| report.problems == input.problems());
-        let (fit, report) = if is_of_these_problems {
-            (fit, report)
-        } else {
-            (None, None)
+        let known = known.filter(|known| {
+            let report = known.report.as_ref();
+            report.is_none_or(|report| report.problems == input.problems())
+        });
+        let (fit, report, draws) = match known {
+            Some(KnownFit { fit, report, draws }) => (Some(fit), report, draws),
+            None => (None, None, None),
         };
         let plan_label = study
             .plans()
@@ -252,6 +290,7 @@ impl PartFit {
                 && fit.as_ref().is_none_or(|fit| fit.input_hash != input.hash),
             fit,
             report,
+            draws,
             input: Arc::new(input),
         }
     }
@@ -263,6 +302,16 @@ impl PartFit {
             FitOutcome::Unconverged(_) => Some("the chains do not agree yet".to_owned()),
             FitOutcome::Failed(message) => Some(message.clone()),
         }
+    }
+
+    /// Whether the fit depends on the fits before it; a final one follows once the study is idle.
+    pub fn is_provisional(&self) -> bool {
+        self.fit.as_ref().is_some_and(|fit| fit.is_provisional)
+    }
+
+    /// The fit's draws, where this server made it; others are in the store.
+    pub fn draws(&self) -> Option<&Arc<Draws>> {
+        self.draws.as_ref()
     }
 
     /// What is stored of the fit.

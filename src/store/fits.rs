@@ -2,7 +2,8 @@
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::{Change, Error, FitId, FitState, Population, Store, VersionId};
+use super::studies::turn_page;
+use super::{Change, Error, FitId, FitState, Population, Store, VersionId, json};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
 
 /// How many fits of one model and part are kept: each is some tens of kilobytes, and can be computed again.
@@ -49,6 +50,8 @@ pub struct NewFit {
     pub seed: u64,
     /// How many fits of this input there were, this one included.
     pub attempts: u32,
+    /// Whether it started from an earlier fit, so that it depends on the way there.
+    pub is_provisional: bool,
     /// What came out.
     pub outcome: FitOutcome,
     /// The kept draws, in a form of the caller's; none where it failed.
@@ -76,6 +79,8 @@ pub struct Fit {
     pub program_version: String,
     /// How many fits of this input there were, this one included.
     pub attempts: u32,
+    /// Whether it started from an earlier fit, so that it depends on the way there.
+    pub is_provisional: bool,
     /// What came out.
     pub outcome: FitOutcome,
     /// When it was stored.
@@ -116,6 +121,7 @@ struct FitRow {
     #[sqlx(try_from = "String")]
     state: FitState,
     attempts: u32,
+    is_provisional: bool,
     result: Option<String>,
     message: Option<String>,
     created_at_ms: i64,
@@ -142,6 +148,7 @@ impl From<FitRow> for Fit {
             seed: row.seed.cast_unsigned(),
             program_version: row.program_version,
             attempts: row.attempts,
+            is_provisional: row.is_provisional,
             outcome,
             created_at: Timestamp(row.created_at_ms),
             cpu_ms: u64::try_from(row.cpu_ms).unwrap_or(0),
@@ -164,7 +171,7 @@ impl Store {
             r#"
             select
                 id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                result, message, created_at_ms, cpu_ms
+                is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id in (
                 select max(id)
@@ -182,6 +189,49 @@ impl Store {
         Ok(rows.into_iter().map(Fit::from).collect())
     }
 
+    /// The ids of the newest fit of each model and part, and those of them that are not `known`: a page that moved on
+    /// needs only the new ones.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn new_fits(
+        &self,
+        study: &StudyId,
+        population: Population,
+        known: &[FitId],
+    ) -> Result<(Vec<FitId>, Vec<Fit>), Error> {
+        let ids: Vec<FitId> = sqlx::query_scalar(
+            r#"
+            select max(id)
+            from fit
+            where study_id = ? and is_simulated = ?
+            group by plan, part, model
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_all(&self.pool)
+        .await?;
+        let new: Vec<FitId> = ids
+            .iter()
+            .copied()
+            .filter(|id| !known.contains(id))
+            .collect();
+        let rows: Vec<FitRow> = sqlx::query_as(
+            r#"
+            select
+                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
+                is_provisional, result, message, created_at_ms, cpu_ms
+            from fit
+            where id in (select value from json_each(?))
+            "#,
+        )
+        .bind(json(&new))
+        .fetch_all(&self.pool)
+        .await?;
+        Ok((ids, rows.into_iter().map(Fit::from).collect()))
+    }
+
     /// The fits of a study before `before` (none: from the newest on), the newest first, at most `limit`.
     ///
     /// # Errors
@@ -197,7 +247,7 @@ impl Store {
             r#"
             select
                 id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                result, message, created_at_ms, cpu_ms
+                is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where study_id = ?1 and is_simulated = ?2
             and (?3 is null or id < ?3)
@@ -228,7 +278,7 @@ impl Store {
             r#"
             select
                 id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                result, message, created_at_ms, cpu_ms
+                is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id = ? and study_id = ? and is_simulated = ?
             "#,
@@ -255,20 +305,42 @@ impl Store {
     }
 }
 
-/// Stores a fit and drops the oldest ones of its history.
+/// Stores fits of one study together: what is shown changes once.
 pub(super) async fn save(
+    connection: &mut SqliteConnection,
+    fits: &[NewFit],
+    at: Timestamp,
+) -> Result<(Vec<FitId>, Vec<Change>), sqlx::Error> {
+    let mut ids = Vec::with_capacity(fits.len());
+    for fit in fits {
+        ids.push(save_one(connection, fit, at).await?);
+    }
+    let mut changes = Vec::new();
+    for of_study in
+        fits.chunk_by(|one, next| (&one.study, one.population) == (&next.study, next.population))
+    {
+        let NewFit {
+            study, population, ..
+        } = &of_study[0];
+        changes.extend(turn_page(connection, study, *population).await?);
+    }
+    Ok((ids, changes))
+}
+
+/// Stores a fit and drops the oldest ones of its history.
+async fn save_one(
     connection: &mut SqliteConnection,
     fit: &NewFit,
     at: Timestamp,
-) -> Result<(FitId, Vec<Change>), sqlx::Error> {
+) -> Result<FitId, sqlx::Error> {
     let (result, message) = fit.outcome.columns();
     let id: FitId = sqlx::query_scalar(
         r#"
         insert into fit (
             study_id, is_simulated, plan, part, model, input_hash, data_version, version_id, seed, program_version,
-            state, attempts, result, draws, message, created_at_ms, cpu_ms
+            state, attempts, is_provisional, result, draws, message, created_at_ms, cpu_ms
         )
-        values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+        values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
         returning id
         "#,
     )
@@ -285,12 +357,29 @@ pub(super) async fn save(
     .bind(env!("CARGO_PKG_VERSION"))
     .bind(fit.outcome.state().as_str())
     .bind(fit.attempts)
+    .bind(fit.is_provisional)
     .bind(result)
     .bind(fit.draws.as_deref())
     .bind(message)
     .bind(at.0)
     .bind(i64::try_from(fit.cpu_ms).unwrap_or(i64::MAX))
     .fetch_one(&mut *connection)
+    .await?;
+    sqlx::query(
+        r#"
+        delete from fit
+        where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
+        -- a provisional fit is gone with the next one: nobody can repeat it
+        and is_provisional = 1 and id <> ?6
+        "#,
+    )
+    .bind(fit.study.as_str())
+    .bind(fit.population.is_simulated())
+    .bind(fit.key.plan.as_str())
+    .bind(fit.key.part.as_str())
+    .bind(&fit.key.model)
+    .bind(id)
+    .execute(&mut *connection)
     .await?;
     sqlx::query(
         r#"
@@ -303,12 +392,12 @@ pub(super) async fn save(
             order by id desc
             limit 1 offset ?6
         )
-        -- the last converged one stays, however many came after it
+        -- the last final one that converged stays, however many came after it
         and id <> ifnull((
             select max(id)
             from fit
             where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
-            and state = 'converged'
+            and state = 'converged' and is_provisional = 0
         ), 0)
         "#,
     )
@@ -326,12 +415,12 @@ pub(super) async fn save(
         set draws = null
         where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
         and draws is not null
-        -- draws are large: only those of the last converged fit are kept
+        -- draws are large: only those of the last final fit that converged are kept
         and id < (
             select max(id)
             from fit
             where study_id = ?1 and is_simulated = ?2 and plan = ?3 and part = ?4 and model = ?5
-            and state = 'converged'
+            and state = 'converged' and is_provisional = 0
         )
         "#,
     )
@@ -342,17 +431,5 @@ pub(super) async fn save(
     .bind(&fit.key.model)
     .execute(&mut *connection)
     .await?;
-    let changed: Vec<(String, bool, i64, i64)> = sqlx::query_as(
-        r#"
-        update population
-        set page_version = page_version + 1
-        where study_id = ? and is_simulated = ?
-        returning study_id, is_simulated, data_version, page_version
-        "#,
-    )
-    .bind(fit.study.as_str())
-    .bind(fit.population.is_simulated())
-    .fetch_all(connection)
-    .await?;
-    Ok((id, changed.into_iter().map(Change::from).collect()))
+    Ok(id)
 }

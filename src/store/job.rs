@@ -2,6 +2,8 @@
 
 use tokio::sync::oneshot;
 
+use super::checkpoints::NewCheckpoints;
+use super::comparisons::NewComparison;
 use super::fits::NewFit;
 use super::token::TokenHash;
 use super::{
@@ -62,7 +64,9 @@ pub(super) enum Rare {
     Publish(Publish, Ticket<VersionId>),
     SetState(StudyId, StudyState, Ticket<()>),
     Withdraw(RunId, Timestamp, Ticket<()>),
-    SaveFit(Box<NewFit>, Timestamp, Ticket<super::FitId>),
+    SaveFits(Vec<NewFit>, Timestamp, Ticket<Vec<super::FitId>>),
+    SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
+    SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
 }
 
@@ -167,10 +171,13 @@ impl Job {
             Self::Hot(Hot::Submit(_, ticket)) => ticket.deliver(),
             Self::Hot(Hot::CloseOverdue(_, ticket)) => ticket.deliver(),
             Self::Rare(Rare::Publish(_, ticket)) => ticket.deliver(),
-            Self::Rare(Rare::SetState(_, _, ticket) | Rare::Withdraw(_, _, ticket)) => {
-                ticket.deliver()
-            }
-            Self::Rare(Rare::SaveFit(_, _, ticket)) => ticket.deliver(),
+            Self::Rare(
+                Rare::SetState(_, _, ticket)
+                | Rare::Withdraw(_, _, ticket)
+                | Rare::SaveComparison(_, _, ticket),
+            ) => ticket.deliver(),
+            Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
         }
     }
@@ -183,10 +190,13 @@ impl Job {
             Self::Hot(Hot::Submit(_, ticket)) => ticket.fail(err),
             Self::Hot(Hot::CloseOverdue(_, ticket)) => ticket.fail(err),
             Self::Rare(Rare::Publish(_, ticket)) => ticket.fail(err),
-            Self::Rare(Rare::SetState(_, _, ticket) | Rare::Withdraw(_, _, ticket)) => {
-                ticket.fail(err)
-            }
-            Self::Rare(Rare::SaveFit(_, _, ticket)) => ticket.fail(err),
+            Self::Rare(
+                Rare::SetState(_, _, ticket)
+                | Rare::Withdraw(_, _, ticket)
+                | Rare::SaveComparison(_, _, ticket),
+            ) => ticket.fail(err),
+            Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
         }
     }

@@ -10,12 +10,15 @@
 //! * `job`, `writer`: the queue, the group commit, what happens when the disk fails,
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
-//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`: one file per group of tables,
+//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
+//!   tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod answers;
 mod batch;
 mod check;
+mod checkpoints;
+mod comparisons;
 mod counts;
 mod disk;
 mod effects;
@@ -45,6 +48,8 @@ use tokio_util::sync::CancellationToken;
 
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
 pub use check::Disagreement;
+pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
+pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
@@ -436,13 +441,33 @@ impl Store {
             .await
     }
 
-    /// Stores a fit.
+    /// Stores fits together, in one commit; those of one study change its page once.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn save_fit(&self, fit: NewFit) -> Result<FitId, Error> {
+    pub async fn save_fits(&self, fits: Vec<NewFit>) -> Result<Vec<FitId>, Error> {
         let now = self.now();
-        self.wait_for(|ticket| Job::Rare(Rare::SaveFit(Box::new(fit), now, ticket)))
+        self.wait_for(|ticket| Job::Rare(Rare::SaveFits(fits, now, ticket)))
+            .await
+    }
+
+    /// Stores a comparison in place of the plan's earlier one.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn save_comparison(&self, comparison: NewComparison) -> Result<(), Error> {
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::SaveComparison(Box::new(comparison), now, ticket)))
+            .await
+    }
+
+    /// Stores checkpoints, and that a rule for stopping was reached. Says whether it was reached for the first time.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn save_checkpoints(&self, new: NewCheckpoints) -> Result<bool, Error> {
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::SaveCheckpoints(Box::new(new), now, ticket)))
             .await
     }
 

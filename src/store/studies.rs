@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::job::Publish;
-use super::{Change, Error, Store, StudyState, VersionId};
+use super::{Change, Error, Population, Store, StudyState, VersionId};
 use crate::study::{StudyId, Timestamp};
 
 /// A study as the database knows it.
@@ -204,6 +204,27 @@ pub(super) async fn set_state(
         .execute(&mut *connection)
         .await?;
     turn_pages(connection, study).await
+}
+
+/// Something is shown differently from now on, without any change of the data.
+pub(super) async fn turn_page(
+    connection: &mut SqliteConnection,
+    study: &StudyId,
+    population: Population,
+) -> Result<Vec<Change>, sqlx::Error> {
+    let rows: Vec<(String, bool, i64, i64)> = sqlx::query_as(
+        r#"
+        update population
+        set page_version = page_version + 1
+        where study_id = ? and is_simulated = ?
+        returning study_id, is_simulated, data_version, page_version
+        "#,
+    )
+    .bind(study.as_str())
+    .bind(population.is_simulated())
+    .fetch_all(connection)
+    .await?;
+    Ok(rows.into_iter().map(Change::from).collect())
 }
 
 /// Something about the study itself is shown differently from now on, in both populations.

@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
-use super::{Change, Error, batch, fits, open, runs, studies, withdraw};
+use super::{Change, Error, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw};
 
 /// How many jobs one commit takes at most.
 pub(super) const BATCH: usize = 512;
@@ -298,9 +298,19 @@ async fn write_rare(
             ticket.hold(Ok(()));
             Ok(changes)
         }
-        Rare::SaveFit(fit, at, ticket) => {
-            let (id, changes) = fits::save(connection, fit, *at).await?;
-            ticket.hold(Ok(id));
+        Rare::SaveFits(fits, at, ticket) => {
+            let (ids, changes) = fits::save(connection, fits, *at).await?;
+            ticket.hold(Ok(ids));
+            Ok(changes)
+        }
+        Rare::SaveComparison(comparison, at, ticket) => {
+            let changes = comparisons::save(connection, comparison, *at).await?;
+            ticket.hold(Ok(()));
+            Ok(changes)
+        }
+        Rare::SaveCheckpoints(new, at, ticket) => {
+            let (is_first, changes) = checkpoints::save(connection, new, *at).await?;
+            ticket.hold(Ok(is_first));
             Ok(changes)
         }
         Rare::ForgetArrivals(before, ticket) => {

@@ -5,8 +5,9 @@ use std::ops::Range;
 use super::step::{ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText};
 use super::{
     Baseline, BlockId, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
-    StudyId, parse,
+    Sequential, StudyId, parse,
 };
+use crate::model::ChoiceModel;
 
 /// A study as its file describes it, checked as a whole.
 #[derive(Debug, Clone)]
@@ -29,6 +30,8 @@ pub struct Study {
     pub(super) completion: Completion,
     pub(super) recruiting_ids: RecruitingIds,
     pub(super) include: Include,
+    pub(super) blind_until: Option<u64>,
+    pub(super) sequential: Sequential,
     pub(super) fit: FitSettings,
     pub(super) plans: Vec<FitPlan>,
     pub(super) paper: Vec<PaperFigure>,
@@ -139,6 +142,21 @@ impl Study {
     /// Whose answers are analysed.
     pub fn include(&self) -> Include {
         self.include
+    }
+
+    /// How many people must have completed the study before anything is shown that tells how the models do.
+    pub fn blind_until(&self) -> Option<u64> {
+        self.blind_until
+    }
+
+    /// How evidence is followed while people take part, and when it is enough.
+    pub fn sequential(&self) -> &Sequential {
+        &self.sequential
+    }
+
+    /// The models that are fitted, from the plainest to the richest.
+    pub fn models(&self) -> &[&'static ChoiceModel] {
+        &self.fit.models
     }
 
     /// The study file.

@@ -35,6 +35,8 @@ pub(super) struct RawStudy {
     #[serde(default)]
     pub(super) analysis: RawAnalysis,
     #[serde(default)]
+    pub(super) stopping: Option<RawStopping>,
+    #[serde(default)]
     pub(super) fit: RawFit,
     #[serde(default)]
     pub(super) paper: Vec<RawPaper>,
@@ -255,6 +257,26 @@ pub(super) enum RawIds {
 pub(super) struct RawAnalysis {
     #[serde(default)]
     pub(super) include: RawInclude,
+    pub(super) blind_until: Option<u64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawStopping {
+    pub(super) plan: Option<String>,
+    pub(super) check_every: Option<u64>,
+    pub(super) minimum: Option<u64>,
+    pub(super) models: Option<Vec<String>>,
+    pub(super) bayes_factor: Option<f64>,
+    pub(super) width: Option<RawWidth>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawWidth {
+    pub(super) model: String,
+    pub(super) quantity: String,
+    pub(super) below: f64,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
@@ -268,6 +290,7 @@ pub(super) enum RawInclude {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawFit {
+    pub(super) models: Option<Vec<String>>,
     pub(super) samples: Option<usize>,
     #[serde(default)]
     pub(super) weighting: RawWeighting,

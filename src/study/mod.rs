@@ -7,7 +7,7 @@
 //! In reading order:
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
-//! * `plan`: what is fitted, and how,
+//! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
 //! * `draw`: a run's list of steps,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
@@ -27,6 +27,7 @@ mod instructed;
 mod markup;
 mod parse;
 mod plan;
+mod sequential;
 pub mod step;
 mod template;
 mod timing;
@@ -43,5 +44,6 @@ pub use instructed::InstructedItem;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
+pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

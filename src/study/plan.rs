@@ -1,7 +1,7 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
-use super::{FactorId, LevelId, PartId, PlanId};
-use crate::model::RiskAwareOptions;
+use super::{FactorId, LevelId, ParseError, PartId, PlanId, parse};
+use crate::model::{ChoiceModel, PAPER_MODELS, RiskAwareOptions};
 
 /// A way to split the fitted cells: each part gets its own fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -28,6 +28,8 @@ pub struct PlanPart {
 /// How the models of a study are fitted (models.md, sections 2 and 4).
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitSettings {
+    /// The models, each once, in the order in which results name them: from the plainest to the richest. At least one.
+    pub models: Vec<&'static ChoiceModel>,
     /// How many independent posterior samples accuracy is reported over: 30 in the paper.
     pub samples: usize,
     /// The range that the prior of the weighting parameters allows.
@@ -41,6 +43,7 @@ pub struct FitSettings {
 impl Default for FitSettings {
     fn default() -> Self {
         Self {
+            models: PAPER_MODELS.to_vec(),
             samples: 30,
             weighting: Weighting::Monotone,
             options: RiskAwareOptions::default(),
@@ -77,6 +80,17 @@ pub struct Priors {
     pub eta_gain: Option<PriorChange>,
     /// η⁻ of Prelec's weighting with elevation.
     pub eta_loss: Option<PriorChange>,
+}
+
+impl Priors {
+    /// Parses a file of priors alone, with the keys that `[fit.priors]` has in a study file. `file_name` only serves
+    /// error messages.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
+    pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::priors(file_name, text)
+    }
 }
 
 /// The prior of one parameter.
@@ -126,4 +140,54 @@ pub struct MeanSd {
     pub mean: f64,
     /// The standard deviation.
     pub sd: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_of_priors_has_the_keys_of_a_study_file() {
+        let text =
+            "gamma = { uniform = [0.05, 1] }\ntau = { log_normal = { median = 2, log_sd = 3 } }\n";
+        let read = Priors::parse("mine.toml", text).unwrap();
+        let gamma = PriorChange::Uniform {
+            low: 0.05,
+            high: 1.0,
+        };
+        let tau = PriorChange::LogNormal {
+            median: 2.0,
+            log_sd: 3.0,
+        };
+        let expected = Priors {
+            gamma: Some(gamma),
+            tau: Some(tau),
+            ..Priors::default()
+        };
+        assert_eq!(read, expected);
+    }
+
+    #[track_caller]
+    fn check_refused(text: &str, expected: &str) {
+        let error = Priors::parse("mine.toml", text).unwrap_err();
+        assert_eq!(error.to_string(), expected);
+    }
+
+    #[test]
+    fn what_is_wrong_with_priors_is_told_with_its_line() {
+        check_refused(
+            "alpha = { uniform = [0, 1] }\ngama = { uniform = [0, 1] }\n",
+            "mine.toml, line 2, gama: found unknown key `gama`, did you mean `gamma`?; allowed: one of `alpha`, `beta`, \
+             `gamma`, `delta`, `lambda`, `tau`, `eta_gain`, `eta_loss`",
+        );
+        check_refused(
+            "\nbeta = { uniform = [0.5, 1.5] }\n",
+            "mine.toml, line 2, beta.uniform: found [0.5, 1.5]; allowed: two numbers from 0 to 1, the smaller first",
+        );
+        check_refused(
+            "alpha = { log_normal = { median = 1, log_sd = 1 } }\n",
+            "mine.toml, line 1, alpha: found `log_normal` for a parameter that lies between 0 and 1; allowed: \
+             `uniform = [a, b]`",
+        );
+    }
 }

@@ -33,6 +33,7 @@ use tower_http::{
 
 pub use self::{
     error::{ApiError, Error},
+    results::FitReportPage,
     server::serve,
 };
 use crate::{

@@ -312,6 +312,29 @@ async fn events_tell_of_fits_and_a_fit_then_predicts() {
     )
     .await;
     assert_eq!(fit["result"]["summary"]["converged"], true);
+    let address = format!("/api/v1/studies/driving/fits/{}/draws", whole["fit"]);
+    let draws = json_of(&app, &address).await;
+    let alpha = &draws["posterior"]["alpha"];
+    assert_eq!(
+        (
+            alpha.as_array().unwrap().len(),
+            alpha[7].as_array().unwrap().len()
+        ),
+        (8, 500)
+    );
+    assert_eq!(draws["attrs"]["seed"], fit["seed"]);
+    let chain = request(&app, Method::GET, &format!("{address}.csv?chain=8")).await;
+    assert_eq!(chain.status(), StatusCode::OK);
+    assert_eq!(chain.headers()["content-type"], "text/csv; charset=utf-8");
+    let chain = chain.text().await.unwrap();
+    let first = chain.lines().find(|line| line.starts_with('-')).unwrap();
+    let numbers: Vec<f64> = first.split(',').map(|text| text.parse().unwrap()).collect();
+    assert_eq!(Some(numbers[0]), draws["sample_stats"]["lp"][7][0].as_f64());
+    assert_eq!(Some(numbers[1]), alpha[7][0].as_f64());
+    let none = request(&app, Method::GET, &format!("{address}.csv?chain=9")).await;
+    assert_eq!(none.status(), StatusCode::BAD_REQUEST);
+    let problem: Value = none.json().await.unwrap();
+    assert_eq!(problem["detail"], "chain is 9; allowed: 1 to 8");
     let history = json_of(&app, "/api/v1/studies/driving/fits?history=true&limit=3").await;
     assert_eq!(history["fits"].as_array().unwrap().len(), 3);
     let curves = json_of(&app, "/api/v1/studies/driving/curves?plan=risk").await;

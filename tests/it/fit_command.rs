@@ -7,22 +7,22 @@ use tempfile::TempDir;
 
 use crate::program::{riskaware, stderr, stdout};
 
-const PROBLEMS: &str = r#"{"low":{"accelerate":[[0.05,-500],[0.95,0]],"stop":[[1,-100]]},
+pub const PROBLEMS: &str = r#"{"low":{"accelerate":[[0.05,-500],[0.95,0]],"stop":[[1,-100]]},
 "high":{"accelerate":[[0.95,-500],[0.05,0]],"stop":[[1,-100]]}}"#;
 
-struct Files {
-    folder: TempDir,
+pub struct Files {
+    pub folder: TempDir,
 }
 
 impl Files {
-    fn new(problems: &str, choices: &str) -> Self {
+    pub fn new(problems: &str, choices: &str) -> Self {
         let folder = TempDir::new().unwrap();
         std::fs::write(folder.path().join("problems.json"), problems).unwrap();
         std::fs::write(folder.path().join("choices.csv"), choices).unwrap();
         Self { folder }
     }
 
-    fn fit(&self, more: &[&str]) -> std::process::Output {
+    pub fn fit(&self, more: &[&str]) -> std::process::Output {
         fit_in(self.folder.path(), more)
     }
 
@@ -49,7 +49,7 @@ fn fit_in(folder: &Path, more: &[&str]) -> std::process::Output {
     riskaware(&arguments, "")
 }
 
-const COUNTED: &str =
+pub const COUNTED: &str =
     "count,action,problem\n5,accelerate,low\n25,stop,low\n2,accelerate,high\n28,stop,high\n";
 
 #[test]
@@ -132,6 +132,50 @@ fn rows_counts_and_columns_in_any_order_are_one() {
     assert_eq!(rows["other_problems"].as_u64(), Some(2));
     assert_eq!(counts["other_problems"].as_u64(), Some(0));
     assert_eq!(counts["left_out"].as_u64(), Some(0));
+}
+
+/// A coin flip for gain and loss, chosen by one and declined by another.
+const MIXED: &str = r#"{"small":{"flip":[[0.5,20],[0.5,-10]],"pass":[[1,0]]},
+"large":{"flip":[[0.5,400],[0.5,-200]],"pass":[[1,0]]},
+"sure":{"flip":[[0.5,100],[0.5,0]],"take":[[1,40]]}}"#;
+
+#[test]
+fn notes_stand_below_each_model_and_in_the_json() {
+    let losses = Files::new(PROBLEMS, COUNTED);
+    let table = stdout(&losses.fit(&["--weighting-floor", "0.05"]));
+    for expected in [
+        "Note: All rewards here are losses or nothing. So α (curvature of gains) cannot be learned at all",
+        "learned only as their product λ·θ",
+        "of the posterior of δ (24 % of its prior) lies under 0.28",
+        "the paper’s wide range, here Uniform(0.05, 1)",
+    ] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+
+    let choices = "problem,action,count\nsmall,flip,9\nsmall,pass,21\nlarge,flip,6\nlarge,pass,24\nsure,flip,11\nsure,take,19\n";
+    let mixed = Files::new(MIXED, choices);
+    let models = ["--models", "risk_aware,cumulative_prospect"];
+    let table = stdout(&mixed.fit(&models));
+    for expected in ["at 10 ", "at 40 ", "at 400 ", "in CPT, α = β"] {
+        assert!(table.contains(expected), "{expected}\n{table}");
+    }
+    let output = mixed.fit(&[models[0], models[1], "--json"]);
+    let found: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    let [aware, one_curvature] =
+        ["risk_aware", "cumulative_prospect"].map(|model| &found["models"][model]);
+    let amounts = aware["loss_aversion"].as_array().unwrap();
+    assert_eq!(amounts[1]["amount"], 40.0);
+    assert!(amounts[1]["q5"].as_f64() < amounts[1]["q95"].as_f64());
+    assert!(one_curvature["loss_aversion"].is_null());
+    let kinds = |fit: &Value| -> Vec<String> {
+        let notes = fit["notes"].as_array().unwrap();
+        notes
+            .iter()
+            .map(|note| note["kind"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    assert!(kinds(aware).contains(&"loss_aversion_varies".to_owned()));
+    assert!(!kinds(one_curvature).contains(&"loss_aversion_varies".to_owned()));
 }
 
 #[test]

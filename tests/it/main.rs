@@ -3,13 +3,17 @@
 mod api;
 mod app;
 mod architecture;
+mod calibrate;
 mod catalogue;
+mod comparison;
 mod crash;
 mod crowd;
 mod fit;
 mod fit_command;
+mod fit_files;
 mod predict;
 mod program;
+mod recover;
 mod refit;
 mod results;
 mod simulation;

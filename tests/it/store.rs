@@ -2,9 +2,11 @@
 
 mod checks;
 mod commit;
+mod evidence;
 mod fits;
 mod lab;
 mod opening;
 mod reading;
 mod runs;
+mod upgrade;
 mod withdrawal;

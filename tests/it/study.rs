@@ -3,3 +3,4 @@
 mod driving;
 mod lab;
 mod refused;
+mod sequential;

@@ -2,9 +2,9 @@
 
 use super::design::Design;
 use super::rules;
-use crate::model::RiskAwareOptions;
-use crate::study::document::{Fault, KeyPath};
-use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawWeighting};
+use crate::model::{ChoiceModel, MODELS, RiskAwareOptions, model_named};
+use crate::study::document::{Fault, KeyPath, did_you_mean, list};
+use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting};
 use crate::study::{
     Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId, PlanPart,
     PriorChange, Priors, Weighting,
@@ -70,10 +70,12 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
         );
         return Err(at.key("samples").fault(samples, allowed));
     }
-    let at = at.key("priors");
-    let share = |name: &str, raw: Option<RawPrior>| prior(raw, true, &at.key(name));
-    let scale = |name: &str, raw: Option<RawPrior>| prior(raw, false, &at.key(name));
+    let models = match &raw.models {
+        Some(names) => models(names, &at.key("models"))?,
+        None => defaults.models,
+    };
     Ok(FitSettings {
+        models,
         samples,
         weighting: match raw.weighting {
             RawWeighting::Monotone => Weighting::Monotone,
@@ -84,17 +86,62 @@ pub(super) fn settings(raw: &RawFit) -> Result<FitSettings, Fault> {
             zero: raw.zero,
             weighting_function: defaults.options.weighting_function,
         },
-        priors: Priors {
-            alpha: share("alpha", raw.priors.alpha)?,
-            beta: share("beta", raw.priors.beta)?,
-            gamma: share("gamma", raw.priors.gamma)?,
-            delta: share("delta", raw.priors.delta)?,
-            lambda: scale("lambda", raw.priors.lambda)?,
-            tau: scale("tau", raw.priors.tau)?,
-            eta_gain: scale("eta_gain", raw.priors.eta_gain)?,
-            eta_loss: scale("eta_loss", raw.priors.eta_loss)?,
-        },
+        priors: priors(&raw.priors, &at.key("priors"))?,
     })
+}
+
+/// The priors of the table at `at`.
+pub(super) fn priors(raw: &RawPriors, at: &KeyPath) -> Result<Priors, Fault> {
+    let share = |name: &str, raw: Option<RawPrior>| prior(raw, true, &at.key(name));
+    let scale = |name: &str, raw: Option<RawPrior>| prior(raw, false, &at.key(name));
+    Ok(Priors {
+        alpha: share("alpha", raw.alpha)?,
+        beta: share("beta", raw.beta)?,
+        gamma: share("gamma", raw.gamma)?,
+        delta: share("delta", raw.delta)?,
+        lambda: scale("lambda", raw.lambda)?,
+        tau: scale("tau", raw.tau)?,
+        eta_gain: scale("eta_gain", raw.eta_gain)?,
+        eta_loss: scale("eta_loss", raw.eta_loss)?,
+    })
+}
+
+/// The models with these ids, each once.
+fn models(names: &[String], at: &KeyPath) -> Result<Vec<&'static ChoiceModel>, Fault> {
+    if names.is_empty() {
+        return Err(at.fault("no model", format!("at least one of {}", known_models())));
+    }
+    let mut models: Vec<&'static ChoiceModel> = Vec::with_capacity(names.len());
+    for (index, name) in names.iter().enumerate() {
+        let at = at.index(index);
+        let model = model_named(name).map_err(|_| {
+            let meant = did_you_mean(name, MODELS.iter().map(|model| model.id));
+            at.fault(format!("{}{meant}", rules::shown(name)), known_models())
+        })?;
+        if models.contains(&model) {
+            return Err(at.fault(
+                format!("{} for the second time", rules::shown(name)),
+                "each model once",
+            ));
+        }
+        models.push(model);
+    }
+    Ok(models)
+}
+
+fn known_models() -> String {
+    list(MODELS.iter().map(|model| model.id))
+}
+
+/// How many people must have finished before results are shown.
+pub(super) fn blind_until(raw: Option<u64>) -> Result<Option<u64>, Fault> {
+    match raw {
+        Some(0) => Err(KeyPath::root().key("analysis").key("blind_until").fault(
+            0,
+            "a whole number, 1 or more; leave it out to show results from the start",
+        )),
+        Some(_) | None => Ok(raw),
+    }
 }
 
 /// The prior of a parameter, which lies in [0, 1] if it `is_share`, else at 0 or above.

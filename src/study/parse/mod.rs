@@ -1,7 +1,8 @@
 //! From text to a checked study.
 //!
 //! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices` and
-//! `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers.
+//! `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers,
+//! `sequential` for when there are enough of them.
 
 mod blocks;
 mod cells;
@@ -11,6 +12,7 @@ mod fits;
 mod forms;
 mod problem;
 mod rules;
+mod sequential;
 
 use sha2::{Digest, Sha256};
 
@@ -18,9 +20,9 @@ use self::blocks::Asked;
 use self::design::Design;
 use super::definition::{Completion, CompletionCode, Include, RecruitingIds, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
-use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawStudy};
+use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawPriors, RawStudy};
 use super::template::{Scalar, Scope, Values};
-use super::{ParseError, StudyId};
+use super::{ParseError, Priors, StudyId};
 
 /// The version of the file format that this program reads.
 const FORMAT: i64 = 1;
@@ -52,6 +54,9 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
     let reference_reward = fits::reference_reward(raw.reference_reward, &cells).map_err(refuse)?;
     let fit = fits::settings(&raw.fit).map_err(refuse)?;
     let plans = fits::plans(&raw.fit.plan, &design, &cells).map_err(refuse)?;
+    let sequential =
+        sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells).map_err(refuse)?;
+    let blind_until = fits::blind_until(raw.analysis.blind_until).map_err(refuse)?;
     let paper = fits::paper(&raw.paper, &design).map_err(refuse)?;
 
     let factors = design.into_factors();
@@ -85,10 +90,19 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
             RawInclude::Completed => Include::Completed,
             RawInclude::All => Include::All,
         },
+        blind_until,
+        sequential,
         fit,
         plans,
         paper,
     })
+}
+
+/// Parses a file of priors alone.
+pub(super) fn priors(file_name: &str, text: &str) -> Result<Priors, ParseError> {
+    let document = Document::parse(file_name, text)?;
+    let raw: RawPriors = document.read()?;
+    fits::priors(&raw, &KeyPath::root()).map_err(|fault| document.refuse(&fault))
 }
 
 /// The format comes first: a file of another format would only give misleading errors about its keys.

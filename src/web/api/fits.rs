@@ -14,7 +14,7 @@ use super::{
     served,
 };
 use crate::{
-    inference::{FitSummary, accuracy::CellAccuracy},
+    inference::{FitSummary, accuracy::CellAccuracy, predictive_check::PredictiveCheck},
     jobs::FitReport,
     model::{ChoiceProblem, OrderedMap},
     store::{Fit, FitId, FitOutcome, FitState},
@@ -77,6 +77,7 @@ struct Numbers {
     counts: Vec<Vec<u64>>,
     summary: FitSummary,
     accuracy: Vec<CellAccuracy>,
+    predictive_check: Vec<PredictiveCheck>,
 }
 
 impl From<&Fit> for StoredFit {
@@ -188,12 +189,14 @@ pub(super) async fn one(
             accuracy,
             curves: _,
             quantities: _,
+            predictive_check,
         } = report;
         Numbers {
             problems,
             counts,
             summary,
             accuracy,
+            predictive_check,
         }
     });
     Ok(Json(FullFit {

@@ -3,6 +3,7 @@
 //! Every error is `application/problem+json` (RFC 9457), also those of the framework.
 
 mod answers;
+mod draws;
 mod extract;
 mod fits;
 mod predict;
@@ -39,6 +40,8 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}/answers.ndjson", get(answers::ndjson))
         .route("/studies/{study}/fits", get(fits::list))
         .route("/studies/{study}/fits/{fit}", get(fits::one))
+        .route("/studies/{study}/fits/{fit}/draws", get(draws::arviz))
+        .route("/studies/{study}/fits/{fit}/draws.csv", get(draws::csv))
         .route("/studies/{study}/curves", get(curves))
         .route("/studies/{study}/accuracy", get(accuracy))
         .route("/studies/{study}/predict", post(predict::predict))

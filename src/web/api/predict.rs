@@ -172,7 +172,7 @@ fn check_size(problem: &ChoiceProblem) -> Result<(), Error> {
 }
 
 /// Computes on a thread where it holds up no other request, once it is its turn.
-async fn computed<T: Send + 'static>(
+pub(super) async fn computed<T: Send + 'static>(
     compute: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, Error> {
     let turn = match timeout(TURN, COMPUTING.acquire()).await {

@@ -7,7 +7,7 @@ use crate::{
         CellAccuracy as Scored, LnKl, Shares, TTest, compare, pooled, reference_level,
     },
     jobs::Snapshot,
-    model::{NOISY_RATIONAL, OrderedMap, PAPER_MODELS, RISK_AWARE},
+    model::{NOISY_RATIONAL, OrderedMap, RISK_AWARE},
     study::{FactorId, FitPlan, LevelId, MeanSd, PaperFigure, Study, Timestamp},
     web::results::format::rfc3339,
 };
@@ -137,7 +137,7 @@ impl Accuracy {
                 continue;
             }
             let scored = |model| snapshot.accuracy(&plan.id, model, cell.id.as_str());
-            let scores = || PAPER_MODELS.iter().filter_map(|model| scored(model.id));
+            let scores = || study.models().iter().filter_map(|model| scored(model.id));
             // Answers that came after a fit are in no score: what stands beside a score is of the answers it is of.
             let (n, is_unanimous, reference) = match scores().max_by_key(|scored| scored.n) {
                 Some(scored) => (scored.n, scored.unanimous, scored.reference_level),
@@ -158,7 +158,8 @@ impl Accuracy {
                 n,
                 unanimous: is_unanimous,
                 reference,
-                models: PAPER_MODELS
+                models: study
+                    .models()
                     .iter()
                     .map(|model| {
                         (

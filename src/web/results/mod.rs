@@ -7,6 +7,7 @@ mod curves;
 mod format;
 mod page;
 mod page_tables;
+mod report;
 mod summary;
 mod table;
 mod verdict;
@@ -21,6 +22,7 @@ use axum::{
 };
 use tokio_util::sync::CancellationToken;
 
+pub use self::report::FitReportPage;
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,

@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::{
     inference::wilson_interval,
     jobs::{FitReport, PartFit, PartState, QuestionCounts, Snapshot},
-    model::{OrderedMap, PAPER_MODELS},
+    model::OrderedMap,
     study::{Cell, Factor},
     web::results::verdict::Verdict,
 };
@@ -24,6 +24,8 @@ pub(in crate::web) struct Summary {
     pub cells: Vec<CellRow>,
     pub checks: Checks,
     pub fits: Vec<FitRow>,
+    /// The models that the study fits, from the plainest to the richest.
+    pub models: Vec<Labels>,
     pub plans: Vec<PlanRow>,
     pub verdict: Verdict,
 }
@@ -155,6 +157,8 @@ pub(in crate::web) struct FitRow {
     pub id: Option<i64>,
     /// Newer answers wait to be fitted.
     pub is_behind: bool,
+    /// It started from the fit before it; a final one follows once the study is idle.
+    pub provisional: bool,
     pub rhat_max: Option<f64>,
     pub ess_min: Option<f64>,
     pub draws: Option<u64>,
@@ -212,6 +216,14 @@ impl Summary {
                 baseline: baseline(snapshot),
             },
             fits: snapshot.fits.iter().map(FitRow::new).collect(),
+            models: study
+                .models()
+                .iter()
+                .map(|model| Labels {
+                    id: model.id.to_owned(),
+                    label: model.label.to_owned(),
+                })
+                .collect(),
             plans: study
                 .plans()
                 .iter()
@@ -239,6 +251,7 @@ impl FitRow {
             state: part.state,
             id: part.fit.as_ref().map(|fit| fit.id.get()),
             is_behind: part.is_behind,
+            provisional: part.is_provisional(),
             rhat_max: report.and_then(FitReport::rhat_max),
             ess_min: report.and_then(FitReport::ess_min),
             draws: report.map(|report| (report.summary.chains * report.summary.draws) as u64),
@@ -308,7 +321,9 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
                 }
             })
             .collect(),
-        predicted: PAPER_MODELS
+        predicted: snapshot
+            .study
+            .models()
             .iter()
             .map(|model| (model.id.to_owned(), predicted(snapshot, cell, model.id)))
             .collect(),

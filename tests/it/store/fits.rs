@@ -19,6 +19,7 @@ fn fit(lab: &Lab, part: &str, outcome: FitOutcome) -> NewFit {
         version: lab.driving,
         seed: u64::MAX - 1,
         attempts: 1,
+        is_provisional: false,
         outcome,
         draws: Some(vec![1, 2, 3]),
         cpu_ms: 40,
@@ -32,9 +33,13 @@ async fn the_newest_converged_fit_is_shown_and_the_newest_of_all_is_known() {
     let mut changes = lab.store.subscribe();
     let good = lab
         .store
-        .save_fit(fit(&lab, "low", FitOutcome::Converged("{}".to_owned())))
+        .save_fits(vec![fit(
+            &lab,
+            "low",
+            FitOutcome::Converged("{}".to_owned()),
+        )])
         .await
-        .unwrap();
+        .unwrap()[0];
     let change = changes.recv().await.unwrap();
     assert_eq!(
         (change.study, change.data_version, change.page_version),
@@ -42,20 +47,24 @@ async fn the_newest_converged_fit_is_shown_and_the_newest_of_all_is_known() {
     );
     let high = lab
         .store
-        .save_fit(fit(&lab, "high", FitOutcome::Unconverged("{}".to_owned())))
+        .save_fits(vec![fit(
+            &lab,
+            "high",
+            FitOutcome::Unconverged("{}".to_owned()),
+        )])
         .await
-        .unwrap();
+        .unwrap()[0];
     let failed = NewFit {
         draws: None,
         ..fit(&lab, "low", FitOutcome::Failed("no counts".to_owned()))
     };
-    let failed = lab.store.save_fit(failed).await.unwrap();
+    let failed = lab.store.save_fits(vec![failed]).await.unwrap()[0];
     let other = NewFit {
         study: cups.clone(),
         version: lab.cups,
         ..fit(&lab, "low", FitOutcome::Converged("{}".to_owned()))
     };
-    let other = lab.store.save_fit(other).await.unwrap();
+    let other = lab.store.save_fits(vec![other]).await.unwrap()[0];
 
     let ids =
         |fits: Vec<riskaware::store::Fit>| fits.into_iter().map(|fit| fit.id).collect::<Vec<_>>();
@@ -107,16 +116,20 @@ async fn history_is_bounded_and_never_drops_what_is_shown() {
     let driving = StudyId::from("driving");
     let shown = lab
         .store
-        .save_fit(fit(&lab, "low", FitOutcome::Converged("{}".to_owned())))
+        .save_fits(vec![fit(
+            &lab,
+            "low",
+            FitOutcome::Converged("{}".to_owned()),
+        )])
         .await
-        .unwrap();
+        .unwrap()[0];
     let mut later = tokio::task::JoinSet::new();
     for _ in 0..230 {
         let (store, fit) = (
             lab.store.clone(),
             fit(&lab, "low", FitOutcome::Unconverged("{}".to_owned())),
         );
-        later.spawn(async move { store.save_fit(fit).await.unwrap() });
+        later.spawn(async move { store.save_fits(vec![fit]).await.unwrap() });
     }
     later.join_all().await;
     let history = lab
@@ -126,4 +139,41 @@ async fn history_is_bounded_and_never_drops_what_is_shown() {
         .unwrap();
     assert_eq!(history.len(), 21);
     assert_eq!(history.last().unwrap().id, shown);
+}
+
+#[tokio::test]
+async fn a_provisional_fit_is_gone_with_the_next_one_and_takes_nothing_final_along() {
+    let lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    let converged = |part, is_provisional| NewFit {
+        is_provisional,
+        draws: (!is_provisional).then(|| vec![1, 2, 3]),
+        ..fit(&lab, part, FitOutcome::Converged("{}".to_owned()))
+    };
+    let save = async |fits| lab.store.save_fits(fits).await.unwrap();
+    let latest = async || {
+        let fits = lab.store.latest_fits(&driving, Population::People).await;
+        let fits = fits.unwrap().into_iter();
+        fits.map(|fit| (fit.id, fit.is_provisional))
+            .collect::<Vec<_>>()
+    };
+    let first = save(vec![converged("low", false)]).await[0];
+    let mut changes = lab.store.subscribe();
+    let round = save(vec![converged("low", true), converged("high", true)]).await;
+    assert_eq!(latest().await, [(round[1], true), (round[0], true)]);
+    assert!(changes.try_recv().is_ok());
+    assert!(changes.try_recv().is_err(), "one round turns the page once");
+    // Whoever cites the final fit still finds its draws.
+    assert_eq!(lab.store.fit_draws(first).await.unwrap(), [1, 2, 3]);
+
+    let next = save(vec![converged("low", true)]).await[0];
+    let last = save(vec![converged("high", false)]).await[0];
+    assert_eq!(latest().await, [(last, false), (next, true)]);
+    let history = lab
+        .store
+        .fit_history(&driving, Population::People, None, 100)
+        .await
+        .unwrap();
+    let ids: Vec<_> = history.iter().map(|fit| fit.id).collect();
+    assert_eq!(ids, [last, next, first]);
 }
