@@ -370,18 +370,22 @@ impl<const W: usize> Kernel for Evaluate<'_, W> {
         let mut prior = posterior.space.place(positions, &mut parameters);
         let reference = posterior.space.reference_lanes(&parameters);
         let space = &posterior.space;
-        let likelihood = posterior.likelihood.ln_likelihood(&parameters, |squares| {
-            let mut tau = [space.rest_tau; W];
-            if space.moves_tau() {
-                let last = &positions[positions.len() - 1];
-                let (moved, density) = space.tau_lanes(last, squares, &reference);
-                tau = moved;
-                for lane in 0..W {
-                    prior[lane] += density[lane];
+        let likelihood = posterior.likelihood.ln_likelihood(
+            &parameters,
+            #[inline(always)]
+            |squares: &[f64; W]| {
+                let mut tau = [space.rest_tau; W];
+                if space.moves_tau() {
+                    let last = &positions[positions.len() - 1];
+                    let (moved, density) = space.tau_lanes(last, squares, &reference);
+                    tau = moved;
+                    for lane in 0..W {
+                        prior[lane] += density[lane];
+                    }
                 }
-            }
-            theta_lanes(&tau, &reference)
-        });
+                theta_lanes(&tau, &reference)
+            },
+        );
         LnDensities { prior, likelihood }
     }
 }

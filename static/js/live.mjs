@@ -1,9 +1,10 @@
 import { Figures } from "./figures.mjs";
 import { showNumbers } from "./numbers.mjs";
+import { showWords } from "./words.mjs";
 
 const retryMs = 3000;
 const fitsMs = 1000;
-const fits = ["curves", "accuracy"];
+const allFits = ["curves", "accuracy", "reading", "sequential"];
 const words = {
   connecting: "Connecting…",
   live: "Live: new answers appear by themselves.",
@@ -15,6 +16,8 @@ export class Live {
   constructor(root) {
     this.root = root;
     this.connection = root.querySelector("[data-part=connection]");
+    // A page that hides its results has none of these.
+    this.fits = allFits.filter((part) => root.dataset[part]);
     this.data = {};
     this.latest = { data_version: -1, fit_version: -1 };
     this.wanted = null;
@@ -22,7 +25,7 @@ export class Live {
     this.fitsAt = performance.now();
     this.figures = new Figures(root);
     this.say("connecting");
-    this.refresh(["summary", ...fits]);
+    this.refresh(["summary", ...this.fits]);
     this.listen();
   }
 
@@ -52,12 +55,12 @@ export class Live {
       this.fitsTimer = null;
       if (this.hasFits()) return;
       this.fitsAt = performance.now();
-      this.refresh(fits);
+      this.refresh(this.fits);
     }, Math.max(0, this.fitsAt + fitsMs - performance.now()));
   }
 
   hasFits() {
-    return fits.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
+    return this.fits.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
   }
 
   /** One fetch at a time; what is asked for meanwhile follows as one more. */
@@ -91,8 +94,23 @@ export class Live {
   }
 
   show() {
-    if (this.data.summary) showNumbers(this.root, this.data.summary);
+    const { summary, reading } = this.data;
+    if (summary) {
+      // Hidden results appear, or vanish, as a page of their own.
+      if (Boolean(summary.blind) !== Boolean(this.root.querySelector("[data-part=blind]"))) return location.reload();
+      showNumbers(this.root, summary);
+      this.announce(summary.stopping);
+    }
+    if (reading) showWords(this.root, reading);
     this.figures.update(this.data);
+  }
+
+  /** That the rule for stopping was reached. */
+  announce(text) {
+    const banner = this.root.querySelector("[data-part=announcement]");
+    if (!banner || !text || banner.textContent === text) return;
+    banner.textContent = text;
+    banner.hidden = false;
   }
 
   say(state) {

@@ -7,6 +7,7 @@ mod draws;
 mod extract;
 mod fits;
 mod predict;
+mod sweeps;
 
 use std::sync::Arc;
 
@@ -44,6 +45,8 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}/fits/{fit}/draws.csv", get(draws::csv))
         .route("/studies/{study}/curves", get(curves))
         .route("/studies/{study}/accuracy", get(accuracy))
+        .route("/studies/{study}/sweep", get(sweeps::share))
+        .route("/studies/{study}/gap-sweep", get(sweeps::gap))
         .route("/studies/{study}/comparison", get(comparison))
         .route("/studies/{study}/sequential", get(sequential))
         .route("/studies/{study}/predict", post(predict::predict))

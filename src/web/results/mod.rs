@@ -8,8 +8,12 @@ mod evidence;
 mod format;
 mod page;
 mod page_tables;
+mod predictive;
+mod reading;
 mod report;
 mod summary;
+mod sweep;
+mod sweep_page;
 mod table;
 mod verdict;
 
@@ -17,24 +21,28 @@ use std::sync::Arc;
 
 use axum::{
     Json, Router,
-    extract::{Path, Query, State},
+    extract::{Path, Query, State, rejection::QueryRejection},
     response::{IntoResponse, Response},
     routing::get,
 };
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
+use self::reading::Reading;
 pub use self::report::FitReportPage;
+use self::sweep_page::{PageQuery, SweepPage};
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
     format::rfc3339,
     summary::{FitRow, Summary},
+    sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
-    jobs::{Catalogue, Snapshot},
+    inference::sweep::DEFAULT_ANSWERS,
+    jobs::{Catalogue, Snapshot, Sweeps},
     store::Store,
     study::{FitPlan, PlanId, StudyId},
 };
@@ -42,10 +50,12 @@ use crate::{
 pub(super) fn router() -> Router<AppState> {
     Router::new()
         .route("/results/{study}", get(results))
+        .route("/results/{study}/sweep", get(sweep))
         .route("/results/{study}/data/summary.json", get(summary))
         .route("/results/{study}/data/curves.json", get(curves))
         .route("/results/{study}/data/accuracy.json", get(accuracy))
         .route("/results/{study}/data/comparison.json", get(comparison))
+        .route("/results/{study}/data/reading.json", get(reading))
         .route("/results/{study}/data/sequential.json", get(sequential))
         .route("/results/{study}/events", get(stream))
 }
@@ -126,6 +136,36 @@ async fn results(
     Ok(page::ResultsPage::new(&snapshot, attention).into_response())
 }
 
+async fn sweep(
+    (State(store), State(catalogue), State(settings)): Parts,
+    State(sweeps): State<Arc<Sweeps>>,
+    Path(study): Path<StudyId>,
+    query: Result<Query<PageQuery>, QueryRejection>,
+) -> Result<Response, Error> {
+    let Query(query) = query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
+    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let n = query.n.unwrap_or(DEFAULT_ANSWERS);
+    let wanted = ShareQuery {
+        cell: query.cell.clone(),
+        n: Some(n),
+        seeds: query.seeds,
+        ..ShareQuery::default()
+    };
+    let share = Wanted::share(&snapshot.study, &wanted)?;
+    let wanted = GapQuery {
+        steps: query.steps,
+        seeds: query.seeds,
+        ..GapQuery::default()
+    };
+    let gap = Wanted::gap(&snapshot, &wanted)?;
+    // Asked for here already, so that they are on their way when the page's script asks.
+    let state = sweeps.ask(&share.input);
+    let share = share.answer(&snapshot.study, state)?;
+    let state = sweeps.ask(&gap.input);
+    let gap = gap.answer(&snapshot.study, state)?;
+    Ok(SweepPage::new(&snapshot, &query, n, &share, &gap).into_response())
+}
+
 async fn summary(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
@@ -142,6 +182,14 @@ async fn comparison(
     let snapshot = shown(&store, &catalogue, &settings, &study).await?;
     let plan = coarse_plan(&snapshot, plan.as_ref())?;
     Ok(Json(Comparison::new(&snapshot, plan)).into_response())
+}
+
+async fn reading(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+) -> Result<Response, ApiError> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(Reading::new(&snapshot)).into_response())
 }
 
 async fn sequential(

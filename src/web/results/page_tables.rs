@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     inference::accuracy::TTest,
-    jobs::{PartState, Snapshot},
+    jobs::PartState,
     model::{NOISY_RATIONAL, OrderedMap, RISK_AWARE},
 };
 
@@ -246,44 +246,6 @@ fn sign(p: &str) -> String {
     } else {
         format!("= {p}")
     }
-}
-
-/// What each converged fit learned about each parameter.
-pub(super) fn parameters(snapshot: &Snapshot) -> Table {
-    let mut table = Table::new(&[
-        ("Fit", Align::Words),
-        ("Part", Align::Words),
-        ("Model", Align::Words),
-        ("Parameter", Align::Words),
-        ("Mean ± sd", Align::Numbers),
-        ("5–95 %", Align::Numbers),
-        ("Prior 5–95 %", Align::Numbers),
-        ("Contraction", Align::Words),
-    ]);
-    for part in &snapshot.fits {
-        for (name, parameter) in part
-            .converged()
-            .and_then(|report| report.summary.parameters.as_ref())
-            .iter()
-            .flat_map(|all| all.iter())
-        {
-            table.row([
-                part.plan_label.clone(),
-                part.part_label.clone(),
-                part.model.label.to_owned(),
-                name.to_owned(),
-                mean_sd(Some(parameter.mean), Some(parameter.sd), 2),
-                interval(Some(parameter.q5), Some(parameter.q95), 2),
-                interval(Some(parameter.prior_q5), Some(parameter.prior_q95), 2),
-                if parameter.informed {
-                    decimal(Some(parameter.contraction), 2)
-                } else {
-                    "not informed by this study".to_owned()
-                },
-            ]);
-        }
-    }
-    table
 }
 
 /// The state of each fit.

@@ -5,6 +5,7 @@ use serde::Serialize;
 use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::{NOISY_RATIONAL, RISK_AWARE},
+    web::results::reading::{Compared, headline as headline_of},
 };
 
 #[derive(Debug, Serialize)]
@@ -38,7 +39,9 @@ impl Verdict {
                 trust_note: hidden.1,
             };
         }
-        let (model, model_note) = model(snapshot);
+        // The comparison asks for prediction, accuracy only for closeness to answers already seen.
+        let (model, model_note) =
+            headline_of(&Compared::all(snapshot)).unwrap_or_else(|| model(snapshot));
         let (trust, trust_note) = trust(snapshot);
         Self {
             model,

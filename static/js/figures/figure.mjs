@@ -9,7 +9,7 @@ let made = 0;
 export class Figure {
   /**
    * @param {HTMLElement} element
-   * @param {object} kind what to draw: `needs`, `byPlan`, `draw`, `table`, `file`
+   * @param {object} kind what to draw: `needs`, `byPlan`, `draw`, `table`, `file`; `caption` and `nothing` where they differ
    */
   constructor(element, kind) {
     this.element = element;
@@ -66,7 +66,7 @@ export class Figure {
     this.draw();
     const content = this.kind.table(data, this);
     showTable(this.tableFrame, content);
-    this.captionLine.textContent = caption(this.kind, data, this.plan);
+    this.captionLine.textContent = this.kind.caption?.(data) ?? caption(this.kind, data, this.plan);
     for (const button of this.buttons) button.disabled = !this.drawn;
   }
 
@@ -98,7 +98,7 @@ export class Figure {
     const drawing = this.drawing(width, screenPalette);
     this.drawn = drawing !== null;
     this.plot.classList.toggle("figure__plot--empty", !this.drawn);
-    this.plot.replaceChildren(drawing ?? "Nothing to draw yet: no fit has converged.");
+    this.plot.replaceChildren(drawing ?? this.kind.nothing ?? "Nothing to draw yet: no fit has converged.");
   }
 
   drawing(width, palette) {
