@@ -44,7 +44,7 @@ use crate::{
     inference::sweep::DEFAULT_ANSWERS,
     jobs::{Catalogue, Snapshot, Sweeps},
     store::Store,
-    study::{FitPlan, PlanId, StudyId},
+    study::{FitPlan, PartId, PlanId, StudyId},
 };
 
 pub(super) fn router() -> Router<AppState> {
@@ -113,6 +113,41 @@ pub(super) fn plan<'a>(snapshot: &'a Snapshot, id: Option<&PlanId>) -> Result<&'
             known.join(", ")
         ))
     })
+}
+
+/// Whose curves are asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CurvesQuery {
+    plan: Option<PlanId>,
+    part: Option<PartId>,
+}
+
+impl CurvesQuery {
+    /// The curves, if the plan and the part exist.
+    pub(super) fn curves(&self, snapshot: &Snapshot) -> Result<Curves, Error> {
+        let plan = plan(snapshot, self.plan.as_ref())?;
+        match (&self.plan, &self.part) {
+            (None, Some(_)) => {
+                return Err(Error::BadRequest(
+                    "part is given without plan; allowed: both, or plan alone".to_owned(),
+                ));
+            }
+            (Some(_), Some(part)) if plan.parts.iter().all(|known| known.id != *part) => {
+                let known: Vec<&str> = plan.parts.iter().map(|part| part.id.as_str()).collect();
+                return Err(Error::BadRequest(format!(
+                    "part `{part}` does not exist; allowed: {}",
+                    known.join(", ")
+                )));
+            }
+            (Some(_), Some(_)) | (_, None) => {}
+        }
+        Ok(Curves::new(
+            snapshot,
+            self.plan.as_ref(),
+            self.part.as_ref(),
+        ))
+    }
 }
 
 /// Which plan is asked for.
@@ -203,9 +238,10 @@ async fn sequential(
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
+    Query(query): Query<CurvesQuery>,
 ) -> Result<Response, ApiError> {
     let snapshot = shown(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(Curves::new(&snapshot, None)).into_response())
+    Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(

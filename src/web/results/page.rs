@@ -15,6 +15,7 @@ use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
     store::{Error, Store},
+    study::PlanId,
     web::assets,
 };
 
@@ -119,10 +120,10 @@ impl ResultsPage {
     pub(super) fn new(snapshot: &Snapshot, attention: Vec<Attention>) -> Self {
         let summary = Summary::new(snapshot);
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
-        let curves = Curves::new(snapshot, None);
         let reading = Reading::new(snapshot);
         let sequential = Sequential::new(snapshot);
         let curve_plan = curve_plan(snapshot);
+        let curves = Curves::new(snapshot, Some(&PlanId::from(curve_plan.as_str())), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
             study: summary.study.id.clone(),
