@@ -7,6 +7,7 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
+//! * [`sequential`]: how the evidence grew, and when it was enough;
 //! * what is read off a fit: [`accuracy`], [`curves`], [`predictive_check`], [`predict_from_draws`], [`wilson_interval`];
 //! * [`DrawsExport`]: the draws for other programs;
 //! * whether fits are to be believed, and what a study would find: [`calibration`] and [`recovery`], on
@@ -41,6 +42,7 @@ pub mod recovery;
 mod reference_reward;
 mod sampled;
 pub mod sampler;
+pub mod sequential;
 mod simulated;
 mod summary;
 pub mod sweep;

@@ -10,11 +10,12 @@ use crate::{
     },
     model::{ChoiceModel, ChoiceProblem, OrderedMap},
     store::{Fit, FitKey},
-    study::{self, CellId, PartId, PlanId, PriorChange, Study, StudyId},
+    study::{self, CellId, FitPlan, PartId, PlanId, PriorChange, Study, StudyId},
 };
 
 /// Where all seeds come from: fixed, so that the same answers give the same draws on every server.
 const SEED_SPACE: &str = "riskaware live fit";
+const COMPARISON_SEED_SPACE: &str = "riskaware comparison";
 
 /// The version of this program: another one may draw other numbers from the same input.
 pub(super) const PROGRAM_VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -49,12 +50,23 @@ struct Canonical<'a> {
 impl FitInput {
     /// Every model of the study with every part of every plan, in file order.
     pub(super) fn all(study: &Study, counts: &StudyCounts) -> Vec<Self> {
+        let plans = study.plans().iter();
+        plans
+            .flat_map(|plan| Self::of_plan(study, plan, study.models(), counts))
+            .collect()
+    }
+
+    /// These models with every part of a plan, in file order.
+    pub(super) fn of_plan(
+        study: &Study,
+        plan: &FitPlan,
+        models: &[&'static ChoiceModel],
+        counts: &StudyCounts,
+    ) -> Vec<Self> {
         let mut inputs = Vec::new();
-        for plan in study.plans() {
-            for part in &plan.parts {
-                for model in study.models() {
-                    inputs.extend(Self::new(study, &plan.id, part, model, counts));
-                }
+        for part in &plan.parts {
+            for model in models {
+                inputs.extend(Self::new(study, &plan.id, part, model, counts));
             }
         }
         inputs
@@ -141,13 +153,31 @@ impl FitInput {
 
 /// The first 53 bits of SHA-256 over the names: a seed that every reader of JSON shows exactly.
 fn seed(study: &StudyId, plan: &PlanId, part: &PartId, model: &ChoiceModel) -> u64 {
-    let names = [
+    seed_of(&[
         SEED_SPACE,
         study.as_str(),
         plan.as_str(),
         part.as_str(),
         model.id,
-    ];
+    ])
+}
+
+/// The seed of a plan's comparison.
+pub(super) fn comparison_seed(study: &StudyId, plan: &PlanId) -> u64 {
+    seed_of(&[COMPARISON_SEED_SPACE, study.as_str(), plan.as_str()])
+}
+
+/// One hash over several.
+pub(super) fn hash_of<'a>(hashes: impl Iterator<Item = &'a str>) -> String {
+    let mut all = Sha256::new();
+    for hash in hashes {
+        all.update(hash);
+        all.update([0]);
+    }
+    data_encoding::HEXLOWER.encode(&all.finalize())
+}
+
+fn seed_of(names: &[&str]) -> u64 {
     let hash = Sha256::digest(names.join("\0"));
     let first = hash
         .iter()

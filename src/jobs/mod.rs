@@ -8,7 +8,8 @@
 //! * [`FitReport`]: what is stored of a fit;
 //! * `fitting`: one fit, from its input to its report; `lane`: the threads on which fits run; `live_fits`: what is
 //!   remembered of them; `quiet`: when a study is idle;
-//! * [`refit`], [`closing`]: the two background tasks;
+//! * [`PlanComparison`], [`SequentialEvidence`]: what belongs beside the fits;
+//! * [`refit`], [`evidence`], [`closing`]: the background tasks;
 //! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
 //!   `known_fits` the fits that were read for it.
@@ -19,12 +20,15 @@
 mod catalogue;
 pub mod closing;
 mod counts;
+pub mod evidence;
 mod fit_input;
 mod fit_report;
 mod fitting;
 mod known_fits;
 mod lane;
 mod live_fits;
+mod looks;
+mod plan_comparison;
 mod quiet;
 pub mod refit;
 mod snapshot;
@@ -36,6 +40,8 @@ pub use catalogue::{Catalogue, CatalogueError};
 pub use counts::{QuestionCounts, StudyCounts};
 pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
+pub use looks::{RuleReached, RuleText, SequentialEvidence};
+pub use plan_comparison::PlanComparison;
 pub use snapshot::{Blind, PartFit, PartState, Snapshot, Version};
 pub use sweep_problems::{SweptProblem, swept_problems};
 pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
@@ -59,9 +65,19 @@ pub fn start(
         population,
         stop.clone(),
     ));
+    let evidence = tokio::spawn(evidence::run(
+        store.clone(),
+        catalogue.clone(),
+        population,
+        stop.clone(),
+    ));
     let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
     async move {
-        for (task, ended) in [("refits", refits.await), ("closing", closing.await)] {
+        for (task, ended) in [
+            ("refits", refits.await),
+            ("evidence", evidence.await),
+            ("closing", closing.await),
+        ] {
             if let Err(error) = ended {
                 tracing::error!(task, %error, "a background task ended badly");
             }

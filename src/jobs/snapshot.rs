@@ -9,10 +9,17 @@ use super::{
     counts::analysis_set,
     fit_input::FitInput,
     known_fits::{KnownFit, KnownFits},
+    looks::{Looks, RuleText, SequentialEvidence},
+    plan_comparison::{PlanComparison, fits_hash},
     snapshot_cache::fresh,
 };
 use crate::{
-    inference::{Draws, accuracy::CellAccuracy},
+    inference::{
+        Draws, Estimate,
+        accuracy::CellAccuracy,
+        comparison::{CUPS_HYPOTHESIS, DRIVING_HYPOTHESIS, Hypothesis},
+        sequential,
+    },
     model::ChoiceModel,
     store::{
         AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, StudyState,
@@ -66,6 +73,8 @@ pub struct Snapshot {
     pub fits: Vec<PartFit>,
     /// The stored fits, for the next snapshot.
     known: KnownFits,
+    comparisons: Vec<PlanComparison>,
+    sequential: Option<SequentialEvidence>,
 }
 
 /// Results are hidden until enough people have finished.
@@ -163,6 +172,18 @@ impl Snapshot {
             .as_ref()
             .map_or_else(KnownFits::default, |kept| kept.known.clone());
         let (ids, new) = store.new_fits(id, population, &known.ids()).await?;
+        let compared = kept.as_ref().map_or(&[][..], |kept| &kept.comparisons);
+        let hashes: Vec<&str> = compared
+            .iter()
+            .map(|comparison| comparison.input_hash.as_str())
+            .collect();
+        let newly_compared = store.comparisons(id, population, &hashes).await?;
+        let compared = PlanComparison::renewed(compared, newly_compared);
+        let looks = store.checkpoints(id, population).await?;
+        let reached = match RuleText::new(study.sequential()) {
+            Some(rule) => store.stopping(id, population, &rule.hash()).await?,
+            None => None,
+        };
         let live: Vec<_> = new
             .iter()
             .map(|fit| catalogue.live_fits.of(id, population, fit))
@@ -170,7 +191,14 @@ impl Snapshot {
         // Reading fits that an earlier server made takes long enough to hold up other requests.
         let made = tokio::task::spawn_blocking(move || {
             let known = known.renewed(&ids, new.into_iter().zip(live).collect());
-            Arc::new(Self::new(study, population, state, people, &counts, known))
+            let mut snapshot = Self::new(study, population, state, people, &counts, known);
+            snapshot.comparisons = compared
+                .iter()
+                .map(|known| known.beside(&fits_hash(&snapshot, &known.plan)))
+                .collect();
+            snapshot.sequential = Looks::new(&snapshot.study)
+                .map(|made| made.evidence(people.completed, &looks, reached));
+            Arc::new(snapshot)
         });
         let snapshot = match made.await {
             Ok(snapshot) => snapshot,
@@ -208,6 +236,8 @@ impl Snapshot {
             counts,
             fits,
             known,
+            comparisons: Vec::new(),
+            sequential: None,
         }
     }
 
@@ -215,6 +245,49 @@ impl Snapshot {
     pub fn blind(&self) -> Option<Blind> {
         let (until, completed) = (self.study.blind_until()?, self.people.completed);
         (completed < until).then_some(Blind { until, completed })
+    }
+
+    /// The newest comparison of a plan's models, if one was made. Ask [`blind`](Self::blind) before it is shown.
+    pub fn comparison(&self, plan: &PlanId) -> Option<&PlanComparison> {
+        self.comparisons.iter().find(|known| known.plan == *plan)
+    }
+
+    /// How the evidence grew while people finished, and whether the study's rule for stopping was reached; none where
+    /// nothing is followed. Ask [`blind`](Self::blind) before it is shown.
+    pub fn sequential(&self) -> Option<&SequentialEvidence> {
+        self.sequential.as_ref()
+    }
+
+    /// ln of the Bayes factor of one model against another on a plan, from the fits as they are: live, while a
+    /// [`comparison`](Self::comparison) waits until they are final. None while a part has no converged fit of both.
+    pub fn ln_bayes_factor(&self, plan: &PlanId, first: &str, second: &str) -> Option<Estimate> {
+        let of = |model: &str| -> Option<Vec<_>> {
+            let parts = self.fits.iter();
+            parts
+                .filter(|part| part.plan == *plan && part.model.id == model)
+                .map(|part| Some(&part.converged()?.summary))
+                .collect()
+        };
+        sequential::ln_bayes_factor(of(first)?, of(second)?)
+    }
+
+    /// The hypothesis of the paper that the study is about: those of the studies that come with the program.
+    pub fn hypothesis(&self) -> Option<&'static Hypothesis> {
+        match self.study.id().as_str() {
+            "driving" => Some(&DRIVING_HYPOTHESIS),
+            "cups" => Some(&CUPS_HYPOTHESIS),
+            _ => None,
+        }
+    }
+
+    /// Whether there are answers, and every fit is a final one of all of them.
+    pub fn is_final(&self) -> bool {
+        let mut fitted = self
+            .fits
+            .iter()
+            .filter(|part| part.input.data.n() > 0)
+            .peekable();
+        fitted.peek().is_some() && fitted.all(|part| !part.is_behind && !part.is_provisional())
     }
 
     /// Whose answers the study analyses.

@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::studies::turn_page;
-use super::{Change, Error, Population, Store, VersionId};
+use super::{Change, Error, Population, Store, VersionId, json};
 use crate::study::{PlanId, StudyId, Timestamp};
 
 /// A comparison to be stored in place of the one before.
@@ -83,7 +83,8 @@ impl From<ComparisonRow> for Comparison {
 }
 
 impl Store {
-    /// The newest comparison of each plan, whatever came out.
+    /// The newest comparison of each plan, whatever came out, but those with input hashes that are `known`: each is some
+    /// tens of kilobytes.
     ///
     /// # Errors
     /// When the database fails.
@@ -91,17 +92,20 @@ impl Store {
         &self,
         study: &StudyId,
         population: Population,
+        known: &[&str],
     ) -> Result<Vec<Comparison>, Error> {
         let rows: Vec<ComparisonRow> = sqlx::query_as(
             r#"
             select plan, input_hash, data_version, version_id, seed, program_version, result, message, created_at_ms, cpu_ms
             from comparison
             where study_id = ? and is_simulated = ?
+            and input_hash not in (select value from json_each(?))
             order by plan
             "#,
         )
         .bind(study.as_str())
         .bind(population.is_simulated())
+        .bind(json(&known))
         .fetch_all(&self.pool)
         .await?;
         Ok(rows.into_iter().map(Comparison::from).collect())

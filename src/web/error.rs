@@ -9,7 +9,7 @@ use axum::{
 use serde::Serialize;
 
 use super::assets;
-use crate::{store, study::StepError};
+use crate::{jobs::Blind, store, study::StepError};
 
 /// Everything a handler can fail with. The visitor's text and the log's text differ: inner errors only reach the log.
 #[derive(Debug, thiserror::Error)]
@@ -23,6 +23,9 @@ pub enum Error {
     /// The visitor may not see this; the text says what would allow it.
     #[error("{0}")]
     Forbidden(String),
+    /// The study hides its results until enough people have finished.
+    #[error("the results of this study are hidden until {} people have finished it; now {} have", .0.until, .0.completed)]
+    Blind(Blind),
     /// The request could not be understood; the text names what, and what is allowed.
     #[error("{0}")]
     BadRequest(String),
@@ -54,7 +57,7 @@ impl Error {
         match self {
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
-            Self::Forbidden(_) => StatusCode::FORBIDDEN,
+            Self::Forbidden(_) | Self::Blind(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
@@ -129,6 +132,9 @@ struct Problem {
     title: &'static str,
     status: u16,
     detail: String,
+    /// What would show the results.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    blind: Option<Blind>,
 }
 
 impl IntoResponse for ApiError {
@@ -139,6 +145,20 @@ impl IntoResponse for ApiError {
             title: status.canonical_reason().unwrap_or("Error"),
             status: status.as_u16(),
             detail: self.0.to_string(),
+            blind: match &self.0 {
+                Error::Blind(blind) => Some(*blind),
+                Error::NotFound(_)
+                | Error::MethodNotAllowed
+                | Error::Forbidden(_)
+                | Error::BadRequest(_)
+                | Error::UnsupportedMediaType
+                | Error::TooLarge
+                | Error::Unprocessable(_)
+                | Error::Conflict(_)
+                | Error::Closed(_)
+                | Error::Busy
+                | Error::Internal(_) => None,
+            },
         };
         let mut response = retry_hint((status, Json(problem)).into_response());
         response.headers_mut().insert(

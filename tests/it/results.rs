@@ -42,7 +42,9 @@ async fn the_page_shows_every_count_as_text() {
             "What did they choose?",
             "How do they see probability?",
             "How do they see value?",
+            "What do the answers say about each parameter?",
             "Which model predicts them?",
+            "Is there enough evidence yet?",
             "Can I trust these fits?",
             "Where are the data?"
         ]

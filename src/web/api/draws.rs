@@ -18,7 +18,7 @@ use crate::{
     jobs::FitReport,
     store::FitId,
     study::StudyId,
-    web::{ApiError, Error},
+    web::{ApiError, Error, results},
 };
 
 #[derive(Debug, Deserialize)]
@@ -72,6 +72,7 @@ impl StoredDraws {
         study: &StudyId,
         id: FitId,
     ) -> Result<Self, Error> {
+        results::shown(&store, &catalogue, &settings, study).await?;
         let study = served(&catalogue, study)?;
         let fit = store.fit(study.id(), settings.population, id).await?;
         let report = FitReport::read(&fit)

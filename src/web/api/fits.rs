@@ -52,6 +52,8 @@ struct StoredFit {
     part: String,
     model: String,
     state: FitState,
+    /// It started from the fit before it: to be cited is the final one.
+    provisional: bool,
     attempts: u32,
     data_version: i64,
     study_version: i64,
@@ -88,6 +90,7 @@ impl From<&Fit> for StoredFit {
             part: fit.key.part.to_string(),
             model: fit.key.model.clone(),
             state: fit.outcome.state(),
+            provisional: fit.is_provisional,
             attempts: fit.attempts,
             data_version: fit.data_version,
             study_version: fit.version.get(),
@@ -128,7 +131,7 @@ pub(super) async fn list(
             )
             .into());
         }
-        let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+        let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
         let Summary {
             data_version,
             fit_version,
@@ -142,6 +145,7 @@ pub(super) async fn list(
         })
         .into_response());
     }
+    results::shown(&store, &catalogue, &settings, &study).await?;
     let study = served(&catalogue, &study)?;
     let limit = limit.unwrap_or(PAGE_ROWS);
     if !(1..=MAX_PAGE_ROWS).contains(&limit) {
@@ -177,6 +181,7 @@ pub(super) async fn one(
     Path((study, fit)): Path<(StudyId, i64)>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
+    results::shown(&store, &catalogue, &settings, &study).await?;
     let study = served(&catalogue, &study)?;
     let fit = store
         .fit(study.id(), settings.population, FitId::from(fit))

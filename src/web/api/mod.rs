@@ -7,6 +7,7 @@ mod draws;
 mod extract;
 mod fits;
 mod predict;
+mod sweeps;
 
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ use tokio_util::sync::CancellationToken;
 use self::extract::{Path, Query};
 use super::{
     ApiError, AppState, Error, Settings, events,
-    results::{self, Accuracy, Curves, Summary},
+    results::{self, Accuracy, Comparison, Sequential, Summary},
 };
 use crate::{
     jobs::Catalogue,
@@ -44,6 +45,10 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}/fits/{fit}/draws.csv", get(draws::csv))
         .route("/studies/{study}/curves", get(curves))
         .route("/studies/{study}/accuracy", get(accuracy))
+        .route("/studies/{study}/sweep", get(sweeps::share))
+        .route("/studies/{study}/gap-sweep", get(sweeps::gap))
+        .route("/studies/{study}/comparison", get(comparison))
+        .route("/studies/{study}/sequential", get(sequential))
         .route("/studies/{study}/predict", post(predict::predict))
         .route("/studies/{study}/events", get(stream));
     // Inside the nest, so that these answer everything below /api and nothing else.
@@ -187,11 +192,10 @@ async fn summary(
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
-    Query(PlanQuery { plan }): Query<PlanQuery>,
+    Query(query): Query<results::CurvesQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-    results::plan(&snapshot, plan.as_ref())?;
-    Ok(Json(Curves::new(&snapshot, plan.as_ref())).into_response())
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(
@@ -199,9 +203,28 @@ async fn accuracy(
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::plan(&snapshot, plan.as_ref())?;
     Ok(Json(Accuracy::new(&snapshot, plan)).into_response())
+}
+
+async fn comparison(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+    Query(PlanQuery { plan }): Query<PlanQuery>,
+) -> Result<Response, ApiError> {
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let plan = results::coarse_plan(&snapshot, plan.as_ref())?;
+    Ok(Json(Comparison::new(&snapshot, plan)).into_response())
+}
+
+async fn sequential(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+    Query(NoQuery {}): Query<NoQuery>,
+) -> Result<Response, ApiError> {
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(Sequential::new(&snapshot)).into_response())
 }
 
 async fn stream(

@@ -1,6 +1,6 @@
 //! `POST predict`: what a person will choose, from a fit or from given parameters (models.md, section 10).
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use axum::{
     Json,
@@ -16,13 +16,13 @@ use super::{
     served,
 };
 use crate::{
-    inference::{ActionPrediction, predict_from_draws},
+    inference::{ActionPrediction, Draws, predict_from_draws},
     jobs::{PartFit, PartState, Snapshot},
     model::{
         ChoiceModel, ChoiceProblem, OrderedMap, RISK_AWARE, RiskAwareOptions, model_named,
         probabilities, utilities,
     },
-    store,
+    store::{self, Store},
     study::{CellId, FitPlan, PartId, PlanId, StudyId},
     web::{ApiError, Error, results},
 };
@@ -67,6 +67,8 @@ struct FromFit {
     plan: String,
     part: String,
     fit: i64,
+    /// The fit depends on the fits before it; a final one follows once the study is idle.
+    provisional: bool,
     data_version: i64,
     /// Means over posterior draws, with 90 % intervals.
     probabilities: OrderedMap<Interval>,
@@ -105,26 +107,21 @@ pub(super) async fn predict(
             computed(move || from_parameters(&problem, model, &parameters, options)).await??;
         return Ok(Json(answer).into_response());
     }
-    let mut snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-    let chosen = named_fit(&snapshot, model, &request)?.1.id;
-    let blob = match store.fit_draws(chosen).await {
-        // A newer fit was stored since, and only the newest keeps its draws.
-        Err(store::Error::NotFound(_)) => {
-            snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-            let newer = named_fit(&snapshot, model, &request)?.1.id;
-            store.fit_draws(newer).await?
-        }
-        draws => draws?,
-    };
+    let mut snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let mut draws = draws_of(&store, &snapshot, model, &request).await?;
+    if draws.is_none() {
+        // A newer fit was made since, and only the newest keeps its draws.
+        snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+        draws = draws_of(&store, &snapshot, model, &request).await?;
+    }
     let (part, chosen) = named_fit(&snapshot, model, &request)?;
-    let not_read = || {
-        Error::Internal(anyhow::anyhow!(
-            "the draws of fit {} are not of the announced size",
+    let (Some(report), Some(draws)) = (part.converged(), draws) else {
+        return Err(Error::Conflict(format!(
+            "fit {} is provisional and was made before the server started; the final one follows, try again in a moment",
             chosen.id
         ))
+        .into());
     };
-    let report = part.converged().ok_or_else(not_read)?;
-    let draws = report.draws(&blob).ok_or_else(not_read)?;
     let (problem, options) = (request.problem, report.summary.options);
     let prediction = computed(move || predict_from_draws(&problem, &draws, options))
         .await?
@@ -144,6 +141,7 @@ pub(super) async fn predict(
         plan: part.plan.to_string(),
         part: part.part.to_string(),
         fit: chosen.id.get(),
+        provisional: chosen.is_provisional,
         data_version: chosen.data_version,
         probabilities: prediction.actions.into_iter().map(share).collect(),
         most_likely: prediction.most_likely,
@@ -222,6 +220,27 @@ fn from_parameters(
         utilities: named(&values),
         most_likely: problem.actions()[most_likely].name.clone(),
     })
+}
+
+/// The draws of the fit that the request names; none where they are gone.
+async fn draws_of(
+    store: &Store,
+    snapshot: &Snapshot,
+    model: &ChoiceModel,
+    request: &Request,
+) -> Result<Option<Arc<Draws>>, Error> {
+    let (part, fit) = named_fit(snapshot, model, request)?;
+    if let Some(draws) = part.draws() {
+        return Ok(Some(draws.clone()));
+    }
+    match store.fit_draws(fit.id).await {
+        Ok(blob) => {
+            let draws = part.report().and_then(|report| report.draws(&blob));
+            Ok(draws.map(Arc::new))
+        }
+        Err(store::Error::NotFound(_)) => Ok(None),
+        Err(error) => Err(error.into()),
+    }
 }
 
 /// The fit that the request names, if it has converged.

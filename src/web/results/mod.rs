@@ -4,11 +4,16 @@
 
 mod accuracy;
 mod curves;
+mod evidence;
 mod format;
 mod page;
 mod page_tables;
+mod predictive;
+mod reading;
 mod report;
 mod summary;
+mod sweep;
+mod sweep_page;
 mod table;
 mod verdict;
 
@@ -16,32 +21,42 @@ use std::sync::Arc;
 
 use axum::{
     Json, Router,
-    extract::{Path, State},
+    extract::{Path, Query, State, rejection::QueryRejection},
     response::{IntoResponse, Response},
     routing::get,
 };
+use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
+use self::reading::Reading;
 pub use self::report::FitReportPage;
+use self::sweep_page::{PageQuery, SweepPage};
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
+    evidence::{Comparison, Sequential},
     format::rfc3339,
     summary::{FitRow, Summary},
+    sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
-    jobs::{Catalogue, Snapshot},
+    inference::sweep::DEFAULT_ANSWERS,
+    jobs::{Catalogue, Snapshot, Sweeps},
     store::Store,
-    study::{FitPlan, PlanId, StudyId},
+    study::{FitPlan, PartId, PlanId, StudyId},
 };
 
 pub(super) fn router() -> Router<AppState> {
     Router::new()
         .route("/results/{study}", get(results))
+        .route("/results/{study}/sweep", get(sweep))
         .route("/results/{study}/data/summary.json", get(summary))
         .route("/results/{study}/data/curves.json", get(curves))
         .route("/results/{study}/data/accuracy.json", get(accuracy))
+        .route("/results/{study}/data/comparison.json", get(comparison))
+        .route("/results/{study}/data/reading.json", get(reading))
+        .route("/results/{study}/data/sequential.json", get(sequential))
         .route("/results/{study}/events", get(stream))
 }
 
@@ -55,6 +70,34 @@ pub(super) async fn snapshot(
     Snapshot::read(store, catalogue, settings.population, study)
         .await?
         .ok_or(Error::NotFound("study"))
+}
+
+/// The state of a study whose results may be shown: all that says how choices fall, or how the models do, asks for this
+/// one.
+pub(super) async fn shown(
+    store: &Store,
+    catalogue: &Catalogue,
+    settings: &Settings,
+    study: &StudyId,
+) -> Result<Arc<Snapshot>, Error> {
+    let snapshot = snapshot(store, catalogue, settings, study).await?;
+    match snapshot.blind() {
+        Some(blind) => Err(Error::Blind(blind)),
+        None => Ok(snapshot),
+    }
+}
+
+/// The plan with this id, or the one with the fewest parts.
+pub(super) fn coarse_plan<'a>(
+    snapshot: &'a Snapshot,
+    id: Option<&PlanId>,
+) -> Result<&'a FitPlan, Error> {
+    let coarsest = snapshot
+        .study
+        .plans()
+        .iter()
+        .min_by_key(|plan| plan.parts.len());
+    plan(snapshot, id.or(coarsest.map(|plan| &plan.id)))
 }
 
 /// The plan with this id, or the finest one.
@@ -72,6 +115,48 @@ pub(super) fn plan<'a>(snapshot: &'a Snapshot, id: Option<&PlanId>) -> Result<&'
     })
 }
 
+/// Whose curves are asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CurvesQuery {
+    plan: Option<PlanId>,
+    part: Option<PartId>,
+}
+
+impl CurvesQuery {
+    /// The curves, if the plan and the part exist.
+    pub(super) fn curves(&self, snapshot: &Snapshot) -> Result<Curves, Error> {
+        let plan = plan(snapshot, self.plan.as_ref())?;
+        match (&self.plan, &self.part) {
+            (None, Some(_)) => {
+                return Err(Error::BadRequest(
+                    "part is given without plan; allowed: both, or plan alone".to_owned(),
+                ));
+            }
+            (Some(_), Some(part)) if plan.parts.iter().all(|known| known.id != *part) => {
+                let known: Vec<&str> = plan.parts.iter().map(|part| part.id.as_str()).collect();
+                return Err(Error::BadRequest(format!(
+                    "part `{part}` does not exist; allowed: {}",
+                    known.join(", ")
+                )));
+            }
+            (Some(_), Some(_)) | (_, None) => {}
+        }
+        Ok(Curves::new(
+            snapshot,
+            self.plan.as_ref(),
+            self.part.as_ref(),
+        ))
+    }
+}
+
+/// Which plan is asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlanQuery {
+    plan: Option<PlanId>,
+}
+
 type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings>>);
 
 async fn results(
@@ -79,8 +164,41 @@ async fn results(
     Path(study): Path<StudyId>,
 ) -> Result<Response, Error> {
     let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    if let Some(blind) = snapshot.blind() {
+        return Ok(page::BlindPage::new(&snapshot, blind).into_response());
+    }
     let attention = page::attention(&store, &snapshot).await?;
     Ok(page::ResultsPage::new(&snapshot, attention).into_response())
+}
+
+async fn sweep(
+    (State(store), State(catalogue), State(settings)): Parts,
+    State(sweeps): State<Arc<Sweeps>>,
+    Path(study): Path<StudyId>,
+    query: Result<Query<PageQuery>, QueryRejection>,
+) -> Result<Response, Error> {
+    let Query(query) = query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
+    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let n = query.n.unwrap_or(DEFAULT_ANSWERS);
+    let wanted = ShareQuery {
+        cell: query.cell.clone(),
+        n: Some(n),
+        seeds: query.seeds,
+        ..ShareQuery::default()
+    };
+    let share = Wanted::share(&snapshot.study, &wanted)?;
+    let wanted = GapQuery {
+        steps: query.steps,
+        seeds: query.seeds,
+        ..GapQuery::default()
+    };
+    let gap = Wanted::gap(&snapshot, &wanted)?;
+    // Asked for here already, so that they are on their way when the page's script asks.
+    let state = sweeps.ask(&share.input);
+    let share = share.answer(&snapshot.study, state)?;
+    let state = sweeps.ask(&gap.input);
+    let gap = gap.answer(&snapshot.study, state)?;
+    Ok(SweepPage::new(&snapshot, &query, n, &share, &gap).into_response())
 }
 
 async fn summary(
@@ -91,19 +209,46 @@ async fn summary(
     Ok(Json(Summary::new(&snapshot)).into_response())
 }
 
-async fn curves(
+async fn comparison(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+    Query(PlanQuery { plan }): Query<PlanQuery>,
+) -> Result<Response, ApiError> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let plan = coarse_plan(&snapshot, plan.as_ref())?;
+    Ok(Json(Comparison::new(&snapshot, plan)).into_response())
+}
+
+async fn reading(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(Curves::new(&snapshot, None)).into_response())
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(Reading::new(&snapshot)).into_response())
+}
+
+async fn sequential(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+) -> Result<Response, ApiError> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(Sequential::new(&snapshot)).into_response())
+}
+
+async fn curves(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+    Query(query): Query<CurvesQuery>,
+) -> Result<Response, ApiError> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
     Ok(Json(Accuracy::new(&snapshot, snapshot.finest_plan())).into_response())
 }
 

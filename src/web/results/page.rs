@@ -4,16 +4,18 @@ use askama::Template;
 use askama_web::WebTemplate;
 
 use super::{
-    Accuracy, Curves, Summary,
+    Accuracy, Curves, Reading, Sequential, Summary,
     curves::{PartCurves, Series},
-    format::{count, decimal, interval, percent},
-    page_tables as tables,
+    format::{count, decimal, interval, mean_sd, percent},
+    page_tables as tables, predictive,
+    summary::{Answers, People},
     table::{Align, Cell, Table},
 };
 use crate::{
-    jobs::{PartState, Snapshot},
+    jobs::{Blind, PartState, Snapshot},
     model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
     store::{Error, Store},
+    study::PlanId,
     web::assets,
 };
 
@@ -26,19 +28,23 @@ pub(super) struct ResultsPage {
     study: String,
     title: String,
     simulated: bool,
+    /// That the study's rule for stopping was reached.
+    announcement: Option<String>,
     people: [String; 4],
     answers: [String; 4],
     verdict: super::verdict::Verdict,
     plan: String,
     exclusions: Table,
     figures: Figures,
+    ladder: Figure,
+    sequential: Figure,
     checks: Option<Checks>,
     pooled: Table,
     smoothed: Table,
     attention: Vec<Attention>,
     notes: Vec<String>,
     failures: u64,
-    parameters: Table,
+    reading: Reading,
     fits: Table,
 }
 
@@ -49,6 +55,7 @@ struct Figures {
     value: Figure,
     value_shape: Figure,
     accuracy: Figure,
+    predictive: Figure,
 }
 
 /// A figure that a script draws, with the table that holds its numbers.
@@ -70,6 +77,38 @@ struct Checks {
     table: Table,
 }
 
+/// What is shown of a study that hides its results until enough people have finished.
+#[derive(Template, WebTemplate)]
+#[template(path = "results/blind.html")]
+pub(super) struct BlindPage {
+    study: String,
+    title: String,
+    simulated: bool,
+    until: String,
+    people: [String; 4],
+    answers: [String; 4],
+}
+
+impl BlindPage {
+    pub(super) fn new(snapshot: &Snapshot, blind: Blind) -> Self {
+        let Summary {
+            study,
+            simulated,
+            people,
+            answers,
+            ..
+        } = Summary::new(snapshot);
+        Self {
+            study: study.id,
+            title: study.title,
+            simulated,
+            until: count(blind.until),
+            people: counted_people(&people),
+            answers: counted_answers(&answers),
+        }
+    }
+}
+
 /// How people did on an item that asks for one certain answer.
 pub(super) struct Attention {
     label: String,
@@ -81,30 +120,23 @@ impl ResultsPage {
     pub(super) fn new(snapshot: &Snapshot, attention: Vec<Attention>) -> Self {
         let summary = Summary::new(snapshot);
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
-        let curves = Curves::new(snapshot, None);
+        let reading = Reading::new(snapshot);
+        let sequential = Sequential::new(snapshot);
         let curve_plan = curve_plan(snapshot);
+        let curves = Curves::new(snapshot, Some(&PlanId::from(curve_plan.as_str())), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
             study: summary.study.id.clone(),
             title: summary.study.title.clone(),
             simulated: summary.simulated,
-            people: [
-                people.completed,
-                people.started,
-                people.withdrawn,
-                people.declined,
-            ]
-            .map(count),
-            answers: [
-                answers.counted,
-                answers.late,
-                answers.timed_out,
-                answers.before_exclusions,
-            ]
-            .map(count),
+            announcement: summary.stopping.clone(),
+            people: counted_people(people),
+            answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
             exclusions: tables::exclusions(&summary),
             figures: figures(&summary, &accuracy, &curves, &curve_plan),
+            ladder: ladder(&summary, &reading),
+            sequential: followed(&summary, &sequential),
             checks: checks(&summary),
             pooled: tables::pooled(&accuracy, &accuracy.pooled),
             smoothed: tables::pooled(&accuracy, &accuracy.pooled_smoothed),
@@ -115,11 +147,31 @@ impl ResultsPage {
                 .iter()
                 .filter(|part| part.state == PartState::Failed)
                 .count() as u64,
-            parameters: tables::parameters(snapshot),
+            reading,
             fits: tables::fits(&summary),
             verdict: summary.verdict,
         }
     }
+}
+
+fn counted_people(people: &People) -> [String; 4] {
+    [
+        people.completed,
+        people.started,
+        people.withdrawn,
+        people.declined,
+    ]
+    .map(count)
+}
+
+fn counted_answers(answers: &Answers) -> [String; 4] {
+    [
+        answers.counted,
+        answers.late,
+        answers.timed_out,
+        answers.before_exclusions,
+    ]
+    .map(count)
 }
 
 /// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.
@@ -133,13 +185,7 @@ fn curve_plan(snapshot: &Snapshot) -> String {
 }
 
 fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) -> Figures {
-    let source = format!(
-        "n = {} answers of {} people who finished · data version {}, fit version {}",
-        count(summary.answers.counted),
-        count(summary.people.completed),
-        summary.data_version,
-        summary.fit_version
-    );
+    let source = source(summary);
     let plan_label = summary
         .plans
         .iter()
@@ -228,7 +274,108 @@ fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) 
             ),
             table: tables::ln_kl(accuracy),
         },
+        predictive: Figure {
+            kind: "predictive_check",
+            title: "Would people who choose so leave such answers?",
+            subtitle: "Dots: what was chosen. Bars: 50 % and 90 % of what as many people would choose if the model were right, over draws of its fit. p: how often they would choose it more (ties half); near 0 or 1 the model misses. The fit saw these answers, so a middling p says little.",
+            plan: None,
+            caption: format!("{source} · fit: {}", accuracy.plan_label),
+            table: predictive::table(&accuracy.checks),
+        },
     }
+}
+
+fn ladder(summary: &Summary, reading: &Reading) -> Figure {
+    let mut table = Table::new(&[
+        ("Model", Align::Words),
+        ("Log score", Align::Numbers),
+        ("Per answer", Align::Numbers),
+        ("Gain over the step below ± SE", Align::Numbers),
+        ("Reading", Align::Words),
+    ]);
+    let rungs = reading
+        .ladder
+        .as_ref()
+        .map(|ladder| ladder.rungs.as_slice());
+    for rung in rungs.unwrap_or_default() {
+        table.row([
+            rung.label.clone(),
+            decimal(rung.score, 1),
+            decimal(rung.per_answer, 3),
+            mean_sd(rung.gain, rung.gain_se, 1),
+            match rung.distinguishable {
+                Some(true) => "beyond two standard errors",
+                Some(false) => "not distinguishable",
+                None => "–",
+            }
+            .to_owned(),
+        ]);
+    }
+    Figure {
+        kind: "ladder",
+        title: "What does each step of the ladder gain?",
+        subtitle: "Log score of answers that the model has not seen, per answer (higher is better), from chance to the richest model; bars: the gain over the step below ± two standard errors.",
+        plan: None,
+        caption: reading.ladder.as_ref().map_or_else(
+            || source(summary),
+            |ladder| {
+                format!(
+                    "n = {} answers of {} {} · {} left out at a time · fit: {} · seed {} · {}",
+                    count(ladder.n),
+                    count(ladder.units),
+                    ladder.units_are,
+                    if ladder.cells_left_out {
+                        "cells"
+                    } else {
+                        ladder.units_are
+                    },
+                    ladder.plan_label,
+                    ladder.seed,
+                    ladder.at
+                )
+            },
+        ),
+        table,
+    }
+}
+
+/// How the evidence grew.
+fn followed(summary: &Summary, sequential: &Sequential<'_>) -> Figure {
+    let mut table = Table::new(&[
+        ("People", Align::Numbers),
+        ("Answers", Align::Numbers),
+        ("ln Bayes factor ± error", Align::Numbers),
+        ("90 % interval", Align::Numbers),
+        ("Width", Align::Numbers),
+    ]);
+    for look in &sequential.looks {
+        let factor = look.ln_bayes_factor;
+        table.row([
+            count(look.n),
+            count(look.answers),
+            mean_sd(factor.map(|ln| ln.value), factor.map(|ln| ln.se), 2),
+            interval(look.q5, look.q95, 2),
+            decimal(look.width, 3),
+        ]);
+    }
+    Figure {
+        kind: "sequential",
+        title: "How did the evidence grow?",
+        subtitle: "After the first people who finished, in their order: the Bayes factor on a logarithmic scale, and the width of the 90 % interval that the study follows. Dotted: the bound of the study’s rule, where it has one.",
+        plan: None,
+        caption: format!("{} · fit: {}", source(summary), sequential.plan),
+        table,
+    }
+}
+
+fn source(summary: &Summary) -> String {
+    format!(
+        "n = {} answers of {} people who finished · data version {}, fit version {}",
+        count(summary.answers.counted),
+        count(summary.people.completed),
+        summary.data_version,
+        summary.fit_version
+    )
 }
 
 type Selected = fn(&super::curves::ModelCurves) -> Option<&Series>;
@@ -348,38 +495,13 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
     Ok(found)
 }
 
-/// What the design cannot tell, from the design itself.
+/// What the design makes of all fits alike.
 fn notes(snapshot: &Snapshot) -> Vec<String> {
     let study = &snapshot.study;
-    let rewards: Vec<f64> = study
-        .cells()
-        .iter()
-        .filter(|cell| cell.fitted)
-        .filter_map(|cell| cell.problem.as_ref())
-        .flat_map(|problem| problem.actions())
-        .flat_map(|action| action.prospect.outcomes())
-        .map(|outcome| outcome.reward)
-        .collect();
     let mut notes = Vec::new();
-    let (has_gains, has_losses) = (
-        rewards.iter().any(|&reward| reward > 0.0),
-        rewards.iter().any(|&reward| reward < 0.0),
-    );
-    if has_losses && !has_gains {
-        notes.push(
-            "All rewards that are fitted here are losses or nothing. So the curvature of gains (α) cannot be learned, the weighting of gains (γ) enters at most through the normalisation of decision weights, and loss aversion (λ) and sensitivity (θ) only through their product. What the table below calls “not informed by this study” is the prior, not a finding."
-                .to_owned(),
-        );
-    }
-    if has_gains && !has_losses {
-        notes.push(
-            "All rewards that are fitted here are gains or nothing. So the curvature and weighting of losses (β, δ) and loss aversion (λ) cannot be learned. What the table below calls “not informed by this study” is the prior, not a finding."
-                .to_owned(),
-        );
-    }
     if study.cells().len() > 1 {
         notes.push(
-            "One person answers several questions. The fits take all answers as independent of each other; where people differ lastingly, intervals are narrower than they should be."
+            "One person answers several questions. The fits take all answers as independent of each other; where people differ lastingly, posterior intervals are narrower than they should be. Intervals over people drawn anew, where they stand above, are not."
                 .to_owned(),
         );
     }

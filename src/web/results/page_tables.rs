@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     inference::accuracy::TTest,
-    jobs::{PartState, Snapshot},
+    jobs::PartState,
     model::{NOISY_RATIONAL, OrderedMap, RISK_AWARE},
 };
 
@@ -248,44 +248,6 @@ fn sign(p: &str) -> String {
     }
 }
 
-/// What each converged fit learned about each parameter.
-pub(super) fn parameters(snapshot: &Snapshot) -> Table {
-    let mut table = Table::new(&[
-        ("Fit", Align::Words),
-        ("Part", Align::Words),
-        ("Model", Align::Words),
-        ("Parameter", Align::Words),
-        ("Mean ± sd", Align::Numbers),
-        ("5–95 %", Align::Numbers),
-        ("Prior 5–95 %", Align::Numbers),
-        ("Contraction", Align::Words),
-    ]);
-    for part in &snapshot.fits {
-        for (name, parameter) in part
-            .converged()
-            .and_then(|report| report.summary.parameters.as_ref())
-            .iter()
-            .flat_map(|all| all.iter())
-        {
-            table.row([
-                part.plan_label.clone(),
-                part.part_label.clone(),
-                part.model.label.to_owned(),
-                name.to_owned(),
-                mean_sd(Some(parameter.mean), Some(parameter.sd), 2),
-                interval(Some(parameter.q5), Some(parameter.q95), 2),
-                interval(Some(parameter.prior_q5), Some(parameter.prior_q95), 2),
-                if parameter.informed {
-                    decimal(Some(parameter.contraction), 2)
-                } else {
-                    "not informed by this study".to_owned()
-                },
-            ]);
-        }
-    }
-    table
-}
-
 /// The state of each fit.
 pub(super) fn fits(summary: &Summary) -> Table {
     let mut table = Table::new(&[
@@ -310,7 +272,7 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
         fit.plan_label.clone().into(),
         fit.part_label.clone().into(),
         fit.model_label.into(),
-        state(fit.state),
+        state(fit),
         decimal(fit.rhat_max, 3).into(),
         fit.ess_min
             .map_or_else(|| "–".to_owned(), |ess| count(ess.round() as u64))
@@ -323,8 +285,9 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
     ]
 }
 
-fn state(state: PartState) -> Cell {
-    let (id, word) = match state {
+fn state(fit: &FitRow) -> Cell {
+    let (id, word) = match fit.state {
+        PartState::Converged if fit.provisional => ("converged", "converged, provisional"),
         PartState::Waiting => ("waiting", "waiting"),
         PartState::Running => ("running", "running"),
         PartState::Converged => ("converged", "converged"),

@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use crate::{
     inference::wilson_interval,
-    jobs::{FitReport, PartFit, PartState, QuestionCounts, Snapshot},
+    jobs::{Blind, FitReport, PartFit, PartState, QuestionCounts, Snapshot},
     model::OrderedMap,
     study::{Cell, Factor},
-    web::results::verdict::Verdict,
+    web::results::{evidence::announcement, verdict::Verdict},
 };
 
 /// Everything about a study that is no curve and no accuracy.
@@ -17,6 +17,10 @@ pub(in crate::web) struct Summary {
     pub data_version: i64,
     pub fit_version: i64,
     pub simulated: bool,
+    /// Why no distribution of choices, no fit and no verdict is told; null where all is.
+    pub blind: Option<Blind>,
+    /// That the study's rule for stopping was reached, in words.
+    pub stopping: Option<String>,
     pub people: People,
     pub answers: Answers,
     pub factors: Vec<Labelled<Labels>>,
@@ -178,6 +182,7 @@ impl Summary {
         let study = &snapshot.study;
         let unit = study.reward_unit();
         let counts = &snapshot.counts.cells;
+        let blind = snapshot.blind();
         let sum = |of: fn(&QuestionCounts) -> u64| counts.iter().map(of).sum();
         Self {
             study: StudyHead {
@@ -192,6 +197,8 @@ impl Summary {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
             simulated: snapshot.population.is_simulated(),
+            blind,
+            stopping: announcement(snapshot).filter(|_| blind.is_none()),
             people: People {
                 started: snapshot.people.started,
                 completed: snapshot.people.completed,
@@ -213,9 +220,12 @@ impl Summary {
                 .map(|(cell, counts)| cell_row(snapshot, cell, counts))
                 .collect(),
             checks: Checks {
-                baseline: baseline(snapshot),
+                baseline: baseline(snapshot).filter(|_| blind.is_none()),
             },
-            fits: snapshot.fits.iter().map(FitRow::new).collect(),
+            fits: match blind {
+                Some(_) => Vec::new(),
+                None => snapshot.fits.iter().map(FitRow::new).collect(),
+            },
             models: study
                 .models()
                 .iter()
@@ -292,6 +302,7 @@ fn actions(cells: &[Cell]) -> Vec<Labels> {
 
 fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRow {
     let n = counts.n();
+    let is_blind = snapshot.blind().is_some();
     CellRow {
         id: cell.id.to_string(),
         label: cell.label.clone(),
@@ -309,6 +320,7 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
             .actions
             .iter()
             .zip(&counts.actions)
+            .filter(|_| !is_blind)
             .map(|(action, &count)| {
                 let (share, low, high) = share(count, n);
                 ActionRow {
@@ -325,6 +337,7 @@ fn cell_row(snapshot: &Snapshot, cell: &Cell, counts: &QuestionCounts) -> CellRo
             .study
             .models()
             .iter()
+            .filter(|_| !is_blind)
             .map(|model| (model.id.to_owned(), predicted(snapshot, cell, model.id)))
             .collect(),
     }

@@ -1,8 +1,10 @@
 //! A table as plain text, made here so that the page works without scripts. static/js/figures/tables.mjs replaces its rows when
 //! the numbers change.
 
+use serde::{Serialize, Serializer, ser::SerializeStruct};
+
 /// One table.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize)]
 pub(super) struct Table {
     pub columns: Vec<Column>,
     pub rows: Vec<Vec<Cell>>,
@@ -23,12 +25,15 @@ pub(super) enum Align {
     Prose,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Serialize)]
+#[serde(untagged)]
 pub(super) enum Cell {
     Text(String),
     /// A state, marked by colour and shape as well as by its word.
     State {
+        #[serde(rename = "state")]
         id: &'static str,
+        #[serde(rename = "text")]
         word: &'static str,
     },
 }
@@ -55,6 +60,17 @@ impl Table {
             Some(Align::Prose) => "wraps",
             Some(Align::Words) | None => "",
         }
+    }
+}
+
+/// As static/js/figures/table-view.mjs reads it.
+impl Serialize for Column {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut column = serializer.serialize_struct("Column", 3)?;
+        column.serialize_field("label", self.label)?;
+        column.serialize_field("numeric", &(self.align == Align::Numbers))?;
+        column.serialize_field("wraps", &(self.align == Align::Prose))?;
+        column.end()
     }
 }
 

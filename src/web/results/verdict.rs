@@ -3,8 +3,9 @@
 use serde::Serialize;
 
 use crate::{
-    jobs::{PartState, Snapshot},
+    jobs::{Blind, PartState, Snapshot},
     model::{NOISY_RATIONAL, RISK_AWARE},
+    web::results::reading::{Compared, headline as headline_of},
 };
 
 #[derive(Debug, Serialize)]
@@ -26,7 +27,21 @@ enum Closer {
 
 impl Verdict {
     pub(super) fn new(snapshot: &Snapshot) -> Self {
-        let (model, model_note) = model(snapshot);
+        if let Some(Blind { until, completed }) = snapshot.blind() {
+            let hidden = (
+                "Hidden",
+                format!("until {until} people have finished; now {completed}"),
+            );
+            return Self {
+                model: hidden.0,
+                model_note: hidden.1.clone(),
+                trust: hidden.0,
+                trust_note: hidden.1,
+            };
+        }
+        // The comparison asks for prediction, accuracy only for closeness to answers already seen.
+        let (model, model_note) =
+            headline_of(&Compared::all(snapshot)).unwrap_or_else(|| model(snapshot));
         let (trust, trust_note) = trust(snapshot);
         Self {
             model,
@@ -110,7 +125,16 @@ fn trust(snapshot: &Snapshot) -> (&'static str, String) {
             .count()
     };
     let converged = with(PartState::Converged);
-    let note = format!("{converged} of {all} fits converged");
+    let provisional = snapshot
+        .fits
+        .iter()
+        .filter(|part| part.is_provisional())
+        .count();
+    let note = if provisional == 0 {
+        format!("{converged} of {all} fits converged")
+    } else {
+        format!("{converged} of {all} fits converged, {provisional} provisional")
+    };
     if with(PartState::Failed) > 0 {
         return (
             "No",

@@ -24,5 +24,10 @@ export const modelStyles = {
   noisy_rational: { token: "noisy", name: "Noisy Rational", shortName: "Noisy\nRational", dash: "5 3", symbol: "square", filled: false },
 };
 
+/** How a step of the ladder looks: the paper's two models as everywhere, all others in ink. */
+export function ladderStyle(model) {
+  return modelStyles[model] ?? { token: model === "random" ? "ink-soft" : "ink", symbol: "diamond", filled: model !== "random" };
+}
+
 export const priorDash = "2 4";
 export const referenceDash = "1 4";

@@ -108,7 +108,7 @@ async fn a_comparison_takes_the_place_of_the_one_before() {
     let driving = StudyId::from("driving");
     let stored = lab
         .store
-        .comparisons(&driving, Population::People)
+        .comparisons(&driving, Population::People, &[])
         .await
         .unwrap();
     let shown: Vec<_> = stored
@@ -130,7 +130,13 @@ async fn a_comparison_takes_the_place_of_the_one_before() {
         (driving, Population::Simulated),
         (StudyId::from("cups"), Population::People),
     ] {
-        assert_eq!(lab.store.comparisons(&study, population).await.unwrap(), []);
+        assert_eq!(
+            lab.store
+                .comparisons(&study, population, &[])
+                .await
+                .unwrap(),
+            []
+        );
     }
 }
 

@@ -129,7 +129,7 @@ async fn schema_1_keeps_every_answer_and_its_fits_are_final() {
     assert_eq!(store.fit_draws(fit).await.unwrap(), [1, 2, 3]);
     assert_eq!(
         store
-            .comparisons(&driving, Population::People)
+            .comparisons(&driving, Population::People, &[])
             .await
             .unwrap(),
         []
