@@ -310,12 +310,12 @@ fn without_people_the_unit_is_an_answer() {
         .leave_one_out
         .unwrap();
     assert_eq!(pair.difference.units, 160);
-    let json = serde_json::to_value(&found).unwrap();
-    assert_eq!(json["unit"], "answer");
-    assert_eq!(serde_json::from_value::<Comparison>(json).unwrap(), found);
+    let json = serde_json::to_string(&found).unwrap();
+    assert!(json.starts_with(r#"{"unit":"answer""#));
+    assert_eq!(serde_json::from_str::<Comparison>(&json).unwrap(), found);
 }
 
-/// In a single cell a person's score is ln P(a) from the others: 24 of 29 or 25 of 29 choose the first action.
+/// Leaving out costs something, but no more than a few nats for two probabilities.
 #[test]
 fn a_known_fit_is_used_and_stopping_stops() {
     let cell = problem(

@@ -179,6 +179,49 @@ fn notes_stand_below_each_model_and_in_the_json() {
 }
 
 #[test]
+fn models_that_are_fitted_together_are_compared() {
+    let mut choices = "participant,problem,action\n".to_owned();
+    for person in 0..40 {
+        let low = if person % 6 == 0 {
+            "accelerate"
+        } else {
+            "stop"
+        };
+        choices += &format!("p{person},low,{low}\np{person},high,stop\n");
+    }
+    let read = |choices: &str, more: &[&str]| -> Value {
+        let arguments = [&["--json"], more].concat();
+        let output = Files::new(PROBLEMS, choices).fit(&arguments);
+        assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+        serde_json::from_str::<Value>(&stdout(&output)).unwrap()["comparison"].clone()
+    };
+    let people = read(&choices, &[]);
+    assert_eq!(
+        (people["unit"].as_str(), people["units"].as_u64()),
+        (Some("participant"), Some(40))
+    );
+    let pair = &people["pairs"][0];
+    assert!(pair["leave_one_out"]["value"].is_f64() && pair["bayes_factor"]["ln"]["se"].is_f64());
+    assert!(people["held_out"].is_null() && pair["bayes_factor"]["sensitivity"].is_null());
+
+    let counted = read(COUNTED, &["--compare"]);
+    assert_eq!(
+        (counted["unit"].as_str(), counted["units"].as_u64()),
+        (Some("answer"), Some(60))
+    );
+    assert_eq!(counted["held_out"]["problems"].as_array().unwrap().len(), 2);
+    assert!(
+        counted["pairs"][0]["bayes_factor"]["sensitivity"]
+            .as_array()
+            .unwrap()
+            .len()
+            > 5
+    );
+
+    assert!(read(COUNTED, &["--models", "risk_aware"]).is_null());
+}
+
+#[test]
 fn people_get_a_table() {
     let output = Files::new(PROBLEMS, COUNTED).fit(&[
         "--weighting-floor",
@@ -195,6 +238,8 @@ fn people_get_a_table() {
         "Risk-Aware",
         "lambda_theta",
         "no choice depends on it",
+        "Prediction of 60 answers, each left out in turn",
+        "depends on the priors",
     ] {
         assert!(table.contains(expected), "{expected}\n{table}");
     }
