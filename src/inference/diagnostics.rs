@@ -345,8 +345,11 @@ fn plain_ess(halves: &Halves) -> f64 {
         return f64::NAN;
     }
     let total = halves.values.len() as f64;
+    // Two draws that differ suffice, so the whole is gone through only where there are none.
     let all = || halves.values.iter().copied();
-    if all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min) < RESOLUTION {
+    let first = halves.values[0];
+    let range = || all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
+    if !all().any(|value| (value - first).abs() >= RESOLUTION) && range() < RESOLUTION {
         return total;
     }
 

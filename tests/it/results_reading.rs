@@ -13,7 +13,7 @@ use riskaware::{
     study::{self, StudyId},
 };
 use scraper::{Html, Selector};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::{
     app::{App, START},
@@ -53,7 +53,7 @@ fn is_hidden(html: &str, selector: &str) -> bool {
         && !texts(html, selector).is_empty()
 }
 
-async fn json(app: &App, path: &str) -> Value {
+async fn fetched(app: &App, path: &str) -> Value {
     serde_json::from_str(&app.get(path).await.html).unwrap()
 }
 
@@ -113,7 +113,7 @@ async fn parameters_come_with_their_notes() {
     drives(&app.store, &catalogue, 0..30, 25).await;
     let _background = Background::start(&app.store, &catalogue);
     until(&app.store, async || {
-        let rows = &json(&app, "/results/driving/data/summary.json").await["fits"];
+        let rows = &fetched(&app, "/results/driving/data/summary.json").await["fits"];
         let rows = rows.as_array().unwrap();
         rows.iter().all(|fit| fit["state"] == "converged")
     })
@@ -140,7 +140,7 @@ async fn parameters_come_with_their_notes() {
         of_all("λ·θ")
     );
     // What the page shows and what replaces it while it is open are one.
-    let reading = json(&app, "/results/driving/data/reading.json").await;
+    let reading = fetched(&app, "/results/driving/data/reading.json").await;
     assert_eq!(
         reading["tables"]["parameters"]["rows"]
             .as_array()
@@ -195,6 +195,11 @@ async fn a_comparison_decides_headline_verdict_and_ladder() {
         &mut |_| std::ops::ControlFlow::Continue(()),
     )
     .unwrap();
+    let plain = json!({ "cells": [], "pairs": [{
+        "factor": "risk", "first": "explicit/timed/high", "second": "explicit/timed/low", "action": "stop",
+        "both": 28, "first_only": 7, "second_only": 0, "neither": 0, "n": 35,
+        "risk_difference": 0.2, "low": 0.086, "high": 0.343, "p": 0.015_625, "p_holm": 0.015_625,
+    }], "resamples": 2000, "seed": 1 });
     let (pair, _) = comparison.pair("risk_aware", "noisy_rational").unwrap();
     let difference = pair.leave_one_out.unwrap();
     assert!(
@@ -209,14 +214,14 @@ async fn a_comparison_decides_headline_verdict_and_ladder() {
         data_version: 0,
         version,
         seed: 1,
-        outcome: Ok(serde_json::to_string(&comparison).unwrap()),
+        outcome: Ok(json!({ "comparison": comparison, "tests": plain }).to_string()),
         cpu_ms: 1,
     };
     app.store.save_comparison(new).await.unwrap();
 
     let page = app.get("/results/driving").await.html;
     assert_eq!(texts(&page, "[data-value='verdict.model']"), ["Risk-Aware"]);
-    let verdict = &json(&app, "/results/driving/data/summary.json").await["verdict"];
+    let verdict = &fetched(&app, "/results/driving/data/summary.json").await["verdict"];
     assert_eq!(verdict["model"], "Risk-Aware");
     let lines = texts(&page, "[data-list=verdicts] li");
     assert!(lines[0].starts_with("H1: A risk-aware model"), "{lines:?}");
@@ -243,6 +248,11 @@ async fn a_comparison_decides_headline_verdict_and_ladder() {
     let held_out = texts(&page, "[data-table=held_out] tbody tr");
     // Two cells and their sum, each by chance, by the other cell's share, and by both models.
     assert_eq!(held_out.len(), 12, "{held_out:?}");
+    let changes = texts(&page, "[data-table=changes] tbody tr");
+    assert!(
+        changes[0].ends_with("|35|7|0|+20 % (+9 % to +34 %)|.016|.016"),
+        "{changes:?}"
+    );
     let sensitivity = texts(&page, "[data-table=sensitivity] tbody tr");
     assert!(
         sensitivity

@@ -25,8 +25,6 @@ pub struct Run {
     pub divergences: usize,
     /// CPU seconds of the draws after tuning.
     pub seconds: f64,
-    /// CPU seconds of tuning.
-    pub tuning: f64,
 }
 
 impl Run {
@@ -44,7 +42,7 @@ impl Run {
 pub fn run(density: &Density, draws: usize, seed: u64) -> anyhow::Result<Run> {
     let settings = DiagNutsSettings::default();
     let mut columns: Vec<Vec<Vec<f64>>> = Vec::new();
-    let (mut divergences, mut seconds, mut tuning) = (0, 0.0, 0.0);
+    let (mut divergences, mut seconds) = (0, 0.0);
     for chain in 0..CHAINS {
         let mut rng = ChaCha12Rng::seed_from_u64(seed);
         rng.set_stream(chain as u64);
@@ -52,7 +50,6 @@ pub fn run(density: &Density, draws: usize, seed: u64) -> anyhow::Result<Run> {
             .map(|_| rng.random_range(-2.0..2.0))
             .collect();
         let math = CpuMath::new(Target(density.clone()));
-        let clock = CpuTime::start();
         let mut sampler = settings
             .new_chain(chain as u64, math, &mut rng)
             .context("nuts-rs refuses its default settings")?;
@@ -60,7 +57,6 @@ pub fn run(density: &Density, draws: usize, seed: u64) -> anyhow::Result<Run> {
         for _ in 0..settings.num_tune {
             sampler.draw()?;
         }
-        tuning += clock.seconds();
         let clock = CpuTime::start();
         let mut positions = Vec::with_capacity(draws);
         for _ in 0..draws {
@@ -90,7 +86,6 @@ pub fn run(density: &Density, draws: usize, seed: u64) -> anyhow::Result<Run> {
         ess,
         divergences,
         seconds,
-        tuning,
     })
 }
 

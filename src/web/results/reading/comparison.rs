@@ -4,9 +4,8 @@ use crate::{
     inference::{
         Estimate,
         comparison::{
-            BayesFactor, CUPS_HYPOTHESIS, Comparison, DRIVING_HYPOTHESIS, EvidenceWords,
-            Hypothesis, LEAST_DIFFERENCE, LEAST_UNITS, LeaveOneOutDifference, OBSERVED_SHARE, Pair,
-            PriorChange, RANDOM, Unit, Verdict,
+            BayesFactor, Comparison, EvidenceWords, LEAST_DIFFERENCE, LEAST_UNITS,
+            LeaveOneOutDifference, OBSERVED_SHARE, Pair, PriorChange, RANDOM, Unit, Verdict,
         },
     },
     jobs::Snapshot,
@@ -284,8 +283,8 @@ fn estimate(found: Option<&Estimate>) -> String {
     )
 }
 
-/// Bayes factors.
-pub(super) fn bayes(compared: &[Compared<'_>]) -> Table {
+/// Bayes factors: those of the comparison, live ones where a plan was not compared yet.
+pub(super) fn bayes(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
     let mut table = Table::new(&[
         ("Fit", Align::Words),
         ("Models", Align::Words),
@@ -293,22 +292,41 @@ pub(super) fn bayes(compared: &[Compared<'_>]) -> Table {
         ("Bayes factor", Align::Numbers),
         ("In words", Align::Prose),
     ]);
-    for plan in compared {
-        for pair in &plan.comparison.pairs {
-            let Some(factor) = &pair.bayes_factor else {
-                continue;
-            };
-            table.row([
-                plan.label.to_owned(),
-                plan.pair_label(pair),
-                estimate(Some(&factor.ln)),
-                ratio(factor.ln.value),
-                in_words(plan, pair, factor),
-            ]);
+    for plan in snapshot.study.plans() {
+        if let Some(found) = compared.iter().find(|found| plan.id == *found.plan) {
+            for pair in &found.comparison.pairs {
+                if let Some(factor) = &pair.bayes_factor {
+                    table.row([
+                        plan.label.clone(),
+                        found.pair_label(pair),
+                        estimate(Some(&factor.ln)),
+                        ratio(factor.ln.value),
+                        in_words(found, pair, factor),
+                    ]);
+                }
+            }
+            continue;
+        }
+        let models = snapshot.study.models();
+        for (place, first) in models.iter().enumerate() {
+            for second in &models[..place] {
+                if let Some(ln) = snapshot.ln_bayes_factor(&plan.id, first.id, second.id) {
+                    table.row([
+                        plan.label.clone(),
+                        format!("{} against {}", first.label, second.label),
+                        estimate(Some(&ln)),
+                        ratio(ln.value),
+                        NOT_TRIED.to_owned(),
+                    ]);
+                }
+            }
         }
     }
     table
 }
+
+/// Beside a Bayes factor without a table of other priors.
+const NOT_TRIED: &str = "live; no words before other priors were tried";
 
 /// A Bayes factor as people write it: `12 to 1`, `1 to 3.4`, `10^7 to 1`.
 fn ratio(ln: f64) -> String {
@@ -332,7 +350,7 @@ fn in_words(plan: &Compared<'_>, pair: &Pair, factor: &BayesFactor) -> String {
         return if factor.sensitivity.is_some() {
             "no words: not every prior below has the same sign".to_owned()
         } else {
-            "no words before other priors were tried".to_owned()
+            NOT_TRIED.to_owned()
         };
     };
     let strength = match words {
@@ -484,18 +502,9 @@ pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table
     table
 }
 
-/// The paper's hypothesis on a study of its own.
-fn hypothesis(snapshot: &Snapshot) -> Option<&'static Hypothesis> {
-    match snapshot.study.id().as_str() {
-        "driving" => Some(&DRIVING_HYPOTHESIS),
-        "cups" => Some(&CUPS_HYPOTHESIS),
-        _ => None,
-    }
-}
-
 /// What each plan's comparison says on the study's hypothesis.
 fn judged<'a>(snapshot: &Snapshot, compared: &[Compared<'a>]) -> Vec<(&'a str, Verdict)> {
-    let Some(hypothesis) = hypothesis(snapshot) else {
+    let Some(hypothesis) = snapshot.hypothesis() else {
         return Vec::new();
     };
     let of_plan = |plan: &Compared<'a>| {
@@ -516,7 +525,7 @@ pub(super) fn verdicts(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Vec<St
         lines.insert(0, format!("{}: {}.", verdict.hypothesis, verdict.statement));
         lines.push(format!("Criterion: {}.", Verdict::CRITERION));
     }
-    if hypothesis(snapshot).is_none() {
+    if snapshot.hypothesis().is_none() {
         let line = |plan: &Compared<'_>| {
             let pair = plan.paper_pair()?;
             let found = pair.leave_one_out.as_ref()?;

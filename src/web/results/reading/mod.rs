@@ -2,6 +2,7 @@
 //!
 //! Sentences and tables are made here once: the page shows them as text, the live page replaces them.
 
+mod choices;
 mod comparison;
 mod ladder;
 mod parameters;
@@ -61,6 +62,8 @@ pub(in crate::web::results) struct Tables {
     pub sensitivity: Table,
     pub held_out: Table,
     pub bootstrap: Table,
+    pub halves: Table,
+    pub changes: Table,
 }
 
 impl Reading {
@@ -86,10 +89,12 @@ impl Reading {
                 loss_aversion: parameters::loss_aversion(snapshot),
                 left_out: comparison::left_out(&compared),
                 scores: comparison::scores(&compared),
-                bayes: comparison::bayes(&compared),
+                bayes: comparison::bayes(snapshot, &compared),
                 sensitivity: comparison::sensitivity(&compared),
                 held_out: comparison::held_out(snapshot, &compared),
                 bootstrap: comparison::bootstrap(snapshot, &compared),
+                halves: choices::halves(snapshot),
+                changes: choices::changes(snapshot),
             },
             ladder: Ladder::new(snapshot, &compared),
         }
