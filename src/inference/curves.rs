@@ -12,6 +12,10 @@ use crate::model::{
 /// Most draws of each fit that curves are made from, evenly over its chains.
 const DRAWS: usize = 1000;
 
+/// The same of a provisional fit, which is drawn while answers arrive and soon replaced. Curves take longer than a warm
+/// refit; the ends of a 90 % band of so many draws are off by about a tenth of an sd.
+const PROVISIONAL_DRAWS: usize = 200;
+
 /// Steps of the grid of probabilities.
 const PROBABILITY_STEPS: usize = 100;
 
@@ -97,8 +101,11 @@ pub struct Curves {
 pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
     let first = fits.first()?;
     let options = first.summary.options;
-    let posterior: Vec<Parameters> = fits.iter().flat_map(|fit| spread(&fit.draws)).collect();
-    let prior: Vec<Parameters> = spread(&first.prior_draws);
+    let posterior: Vec<Parameters> = fits
+        .iter()
+        .flat_map(|fit| spread(&fit.draws, drawn(fit)))
+        .collect();
+    let prior: Vec<Parameters> = spread(&first.prior_draws, drawn(first));
     let sample = Sample { posterior, prior };
     let reference = first.reference_reward;
 
@@ -195,8 +202,16 @@ impl Sample {
     }
 }
 
-fn spread(draws: &Draws) -> Vec<Parameters> {
-    let stride = draws.len().div_ceil(DRAWS).max(1);
+fn drawn(fit: &Fit) -> usize {
+    if fit.summary.provisional {
+        PROVISIONAL_DRAWS
+    } else {
+        DRAWS
+    }
+}
+
+fn spread(draws: &Draws, most: usize) -> Vec<Parameters> {
+    let stride = draws.len().div_ceil(most).max(1);
     (0..draws.len())
         .step_by(stride)
         .map(|draw| draws.parameters(draw))
@@ -258,9 +273,16 @@ fn risky_weights(
             }
             continue;
         }
-        let curve = sample.curve(chances, Centre::Mean, |p, person| {
-            risky_weight(p, risky.reward, other.reward, person, options).unwrap_or(f64::NAN)
+        let bands = chances.iter().map(|&p| {
+            let prospect = risky_prospect(p, risky.reward, other.reward)?;
+            sample.band(Centre::Mean, |person| {
+                risky_weight(&prospect, risky.reward, person, options).unwrap_or(f64::NAN)
+            })
         });
+        let curve = Curve {
+            x: chances.to_vec(),
+            bands: bands.collect(),
+        };
         found.push(RiskyWeight {
             reward: risky.reward,
             otherwise: other.reward,
@@ -271,13 +293,7 @@ fn risky_weights(
     found
 }
 
-fn risky_weight(
-    p: f64,
-    reward: f64,
-    otherwise: f64,
-    person: &Parameters,
-    options: RiskAwareOptions,
-) -> Option<f64> {
+fn risky_prospect(p: f64, reward: f64, otherwise: f64) -> Option<Prospect> {
     let outcomes = [
         Outcome {
             probability: p,
@@ -288,8 +304,16 @@ fn risky_weight(
             reward: otherwise,
         },
     ];
-    let prospect = Prospect::new(outcomes).ok()?;
-    let weights = decision_weights(&prospect, person, options).ok()?;
+    Prospect::new(outcomes).ok()
+}
+
+fn risky_weight(
+    prospect: &Prospect,
+    reward: f64,
+    person: &Parameters,
+    options: RiskAwareOptions,
+) -> Option<f64> {
+    let weights = decision_weights(prospect, person, options).ok()?;
     let position = prospect
         .outcomes()
         .iter()

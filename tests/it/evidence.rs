@@ -16,7 +16,8 @@ use crate::{
     crowd::{Background, drives, until},
 };
 
-/// The driving study with its cells fitted together alone, so that little has to be computed.
+/// The driving study with its cells fitted together alone, so that little has to be computed, and with more keys before
+/// its table `[fit]`: they belong to `[analysis]` until another table begins.
 fn driving(tables: &str) -> Vec<(String, String)> {
     let (name, text) = study::built_in()[0];
     let (before, rest) = text.split_once("[[fit.plan]]").unwrap();
@@ -241,7 +242,7 @@ async fn models_are_compared_once_their_fits_are_final() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_blind_study_shows_who_took_part_and_nothing_else() {
-    let (app, catalogue) = start("[analysis]\nblind_until = 3\ninclude = \"all\"").await;
+    let (app, catalogue) = start("blind_until = 3").await;
     drives(&app.store, &catalogue, 0..2, 1).await;
     let _background = Background::start(&app.store, &catalogue);
     until(&app.store, async || {

@@ -288,6 +288,9 @@ fn fit_row(fit: &FitRow) -> Vec<Cell> {
 fn state(fit: &FitRow) -> Cell {
     let (id, word) = match fit.state {
         PartState::Converged if fit.provisional => ("converged", "converged, provisional"),
+        PartState::Unconverged if fit.provisional => {
+            ("unconverged", "not converged yet, provisional")
+        }
         PartState::Waiting => ("waiting", "waiting"),
         PartState::Running => ("running", "running"),
         PartState::Converged => ("converged", "converged"),

@@ -95,7 +95,7 @@ export const tables = {
         plans.get(fit.plan) ?? fit.plan,
         fit.part,
         modelStyles[fit.model]?.name ?? fit.model,
-        { text: stateWords[fit.state] ?? fit.state, state: fit.state },
+        { text: `${stateWords[fit.state] ?? fit.state}${fit.provisional ? ", provisional" : ""}`, state: fit.state },
         decimal(fit.rhat_max, 3),
         fit.ess_min === null ? "–" : count(Math.round(fit.ess_min)),
         count(fit.draws),
