@@ -5,12 +5,15 @@ use std::path::Path;
 
 use anyhow::{Context, anyhow, bail, ensure};
 
+use crate::inference::comparison::Unit;
 use crate::inference::{ChoiceData, FittedProblem, Group};
 use crate::model::{ChoiceProblem, OrderedMap};
 
 /// Choices read from a file, and what was left out of it.
 pub(super) struct ChoiceFile {
     pub(super) data: ChoiceData,
+    /// Whether the file says who gave each answer.
+    pub(super) unit: Unit,
     pub(super) left_out: LeftOut,
 }
 
@@ -97,9 +100,19 @@ pub(super) fn read_choices(
          problems file ({} answered rows are of other problems)",
         left_out.other_problems
     );
+    // A count may sum the answers of several people under one name.
+    let unit = if columns.count.is_none() && anonymous.is_empty() {
+        Unit::Participant
+    } else {
+        Unit::Answer
+    };
     let groups = groups(&problems, people.into_values(), anonymous);
     let data = ChoiceData::new(problems, groups).with_context(|| format!("{shown}"))?;
-    Ok(ChoiceFile { data, left_out })
+    Ok(ChoiceFile {
+        data,
+        unit,
+        left_out,
+    })
 }
 
 /// How often each action of each problem was chosen, by their positions.

@@ -10,10 +10,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use super::choice_files::{ChoiceFile, read_choices};
+use super::fit_comparison::{compare, write_comparison};
 use super::fit_files::FileArguments;
 use super::fit_source::{Source, SourceArguments};
 use super::fit_table::write_table;
 use crate::clock::Clock;
+use crate::inference::comparison::Comparison;
 use crate::inference::{Fit, FitSettings, FitSummary, Progress, fit};
 use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named};
 
@@ -46,6 +48,9 @@ pub(super) struct Arguments {
         default_values = PAPER_MODELS.map(|model| model.id)
     )]
     models: Vec<&'static ChoiceModel>,
+    /// Compare models in full: also predict each problem from the others and try other priors, which takes many fits
+    #[arg(long)]
+    compare: bool,
     /// Print the results of chains that have not converged too
     #[arg(long)]
     show_unconverged: bool,
@@ -55,7 +60,11 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let source = Source::read(&arguments.source)?;
-    let ChoiceFile { data, left_out } = read_choices(&arguments.choices, source.problems)?;
+    let ChoiceFile {
+        data,
+        unit,
+        left_out,
+    } = read_choices(&arguments.choices, source.problems)?;
     let settings = FitSettings {
         chains: arguments.chains as usize,
         draws: arguments.draws as usize,
@@ -71,6 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             fits.push(fitted);
         }
     }
+    let comparison = compare(&data, unit, &fits, &settings, arguments.compare)?;
     let mut text = Vec::new();
     if arguments.json {
         let shown = |fit: &Fit| {
@@ -86,6 +96,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 .iter()
                 .map(|fit| (fit.model.id.to_owned(), shown(fit)))
                 .collect(),
+            comparison,
             n: data.n(),
             left_out: left_out.unanswered,
             other_problems: left_out.other_problems,
@@ -102,6 +113,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             &fits,
             arguments.show_unconverged,
         )?;
+        if let Some(comparison) = &comparison {
+            write_comparison(&mut text, comparison)?;
+        }
     }
     let shown: Vec<&Fit> = fits
         .iter()
@@ -137,6 +151,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 #[derive(Serialize)]
 struct Report {
     models: OrderedMap<FitSummary>,
+    /// Of two models or more.
+    comparison: Option<Comparison>,
     n: u64,
     left_out: u64,
     other_problems: u64,

@@ -4,6 +4,7 @@ mod calibrate;
 mod choice_files;
 mod demo;
 mod fit;
+mod fit_comparison;
 mod fit_files;
 mod fit_source;
 mod fit_table;

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::{
     chance::Chance,
     clock::Clock,
-    jobs::{self, Catalogue},
+    jobs::{self, Catalogue, Sweeps},
     store::{Options, Population, Store},
     study,
     web::{self, AppState, Settings},
@@ -82,7 +82,9 @@ impl Server {
         let catalogue = Catalogue::publish(&store, studies)
             .await
             .context("reading the study files")?;
+        let stop = CancellationToken::new();
         let state = AppState {
+            sweeps: Arc::new(Sweeps::new(stop.clone())),
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),
@@ -90,7 +92,7 @@ impl Server {
                 open_results: args.open_results,
                 population,
             }),
-            stop: CancellationToken::new(),
+            stop,
         };
         Ok(Self { listener, state })
     }

@@ -4,10 +4,11 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
-use indicatif::{ProgressBar, ProgressStyle};
 use rayon::prelude::*;
 
 use super::choice_files::read_problems;
+use super::fit_source::read_study;
+use super::parallel::{pool, progress_bar};
 use super::{sweep_drawing, sweep_text};
 use crate::inference::sweep::{
     DEFAULT_ANSWERS, DEFAULT_SEEDS, DEFAULT_STEPS, GapSweep, GapSweepReport, Pattern, Score,
@@ -18,7 +19,6 @@ use crate::inference::{
 };
 use crate::jobs::{fit_settings, swept_problems};
 use crate::model::{ChoiceModel, PAPER_MODELS, model_named};
-use crate::study::{Study, built_in};
 
 /// What stands for "the default" where `--gap` has no value.
 const DEFAULT_GAP: &str = "";
@@ -79,6 +79,9 @@ pub(super) struct Arguments {
     /// Lower bound of the priors of gamma and delta; by default that of the study
     #[arg(long, value_name = "X", value_parser = weighting_floor)]
     weighting_floor: Option<f64>,
+    /// Threads; by default one for each processor
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    threads: Option<u16>,
     /// Print JSON for machines
     #[arg(long, conflicts_with = "csv")]
     json: bool,
@@ -154,7 +157,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
 }
 
-/// All fits, on as many threads as there are processors (or `RAYON_NUM_THREADS`), with a bar on a terminal.
+/// All fits, with a bar on a terminal.
 fn simulate(
     cells: Vec<SimulatedCell>,
     arguments: &Arguments,
@@ -168,18 +171,17 @@ fn simulate(
     }
     let seeds = arguments.seeds as usize;
     let simulation = Simulation::new(cells, models, seeds, settings)?;
-    let bar = ProgressBar::new(simulation.tasks() as u64).with_style(
-        ProgressStyle::with_template("{bar:40} {pos} of {len} fits, {eta} left")
-            .context("the progress bar")?,
-    );
-    let scores: Result<Vec<Score>, _> = (0..simulation.tasks())
-        .into_par_iter()
-        .map(|task| {
-            let score = simulation.run(task, &mut uninterrupted);
-            bar.inc(1);
-            score
-        })
-        .collect();
+    let bar = progress_bar(simulation.tasks() as u64);
+    let scores: Result<Vec<Score>, _> = pool(arguments.threads)?.install(|| {
+        (0..simulation.tasks())
+            .into_par_iter()
+            .map(|task| {
+                let score = simulation.run(task, &mut uninterrupted);
+                bar.inc(1);
+                score
+            })
+            .collect()
+    });
     bar.finish_and_clear();
     Ok((simulation, scores?))
 }
@@ -215,7 +217,7 @@ fn of_file(
 }
 
 fn of_study(arguments: &Arguments) -> anyhow::Result<(Vec<FittedProblem>, FitSettings)> {
-    let study = study(&arguments.study)?;
+    let study = read_study(&arguments.study)?;
     let settings = fit_settings(&study, arguments.seed);
     let swept = swept_problems(&study);
     let Some(id) = &arguments.cell else {
@@ -251,19 +253,6 @@ fn of_study(arguments: &Arguments) -> anyhow::Result<(Vec<FittedProblem>, FitSet
             )
         }
     }
-}
-
-/// A built-in study by its id, or the study of a file.
-fn study(name: &str) -> anyhow::Result<Study> {
-    for (file, text) in built_in() {
-        if Path::new(file).file_stem().is_some_and(|stem| stem == name) {
-            return Ok(Study::parse(file, text)?);
-        }
-    }
-    let text = std::fs::read_to_string(name).with_context(|| {
-        format!("`{name}` is neither a built-in study nor a study file that can be read")
-    })?;
-    Ok(Study::parse(name, &text)?)
 }
 
 fn model(text: &str) -> Result<&'static ChoiceModel, String> {

@@ -6,8 +6,13 @@
 //! Source: Vehtari, Gelman, Simpson, Carpenter & Bürkner (2021), *Rank-normalization, folding, and localization: an
 //! improved R̂*, arXiv 1903.08008; Geyer (1992) for the truncation of autocorrelations.
 
-use statrs::distribution::{ContinuousCDF, Normal};
+mod ordering;
+
 use statrs::function::beta::inv_beta_reg;
+
+pub use self::ordering::NormalScores;
+use self::ordering::order;
+use super::lanes::{InstructionSet, Kernel, LANES};
 
 /// Draws that differ by less than this are one value.
 const RESOLUTION: f64 = 1e-15;
@@ -32,22 +37,30 @@ pub struct Convergence {
 impl Convergence {
     /// The diagnostics of one quantity.
     pub fn of(chains: &[&[f64]]) -> Self {
-        let halves = split(chains);
-        let scores = normal_scores(&halves);
-        let median = quantile(&pooled_sorted(chains), 0.5);
-        let folded = halves
-            .iter()
-            .map(|half| half.iter().map(|x| (x - median).abs()).collect());
-        let folded_scores = normal_scores(&folded.collect::<Vec<_>>());
+        let halves: usize = chains.iter().map(|chain| chain.len() / 2 * 2).sum();
+        Self::with(&NormalScores::new(halves), chains)
+    }
+
+    /// The diagnostics of one quantity, with scores that serve for all of as many draws.
+    ///
+    /// * `scores`: of the draws without the middle ones of chains of odd length.
+    pub fn with(scores: &NormalScores, chains: &[&[f64]]) -> Self {
+        let sorted = Sorted::of(chains);
+        let median = quantile(&sorted.values, 0.5);
+        let ranked = sorted.scores(scores, &sorted.values, &sorted.places);
+        let (distances, places) = sorted.folded(median);
+        let folded = sorted.scores(scores, &distances, &places);
+        let tail =
+            |probability| plain_ess(&sorted.indicators(quantile(&sorted.values, probability)));
         Self {
             // `f64::max` ignores NaN, which must not hide that one of the two could not be computed.
             rhat: if chains.len() < 2 {
                 f64::NAN
             } else {
-                larger(plain_rhat(&scores), plain_rhat(&folded_scores))
+                larger(plain_rhat(&ranked), plain_rhat(&folded))
             },
-            ess_bulk: plain_ess(&scores),
-            ess_tail: smaller(ess_quantile(chains, 0.05), ess_quantile(chains, 0.95)),
+            ess_bulk: plain_ess(&ranked),
+            ess_tail: smaller(tail(0.05), tail(0.95)),
         }
     }
 
@@ -93,9 +106,8 @@ pub fn ess_mean(chains: &[&[f64]]) -> f64 {
 ///
 /// * `probability`: of the quantile, in (0, 1).
 pub fn ess_quantile(chains: &[&[f64]], probability: f64) -> f64 {
-    let at = quantile(&pooled_sorted(chains), probability);
-    let indicator = |half: &Vec<f64>| half.iter().map(|x| f64::from(u8::from(*x <= at))).collect();
-    plain_ess(&split(chains).iter().map(indicator).collect::<Vec<_>>())
+    let sorted = Sorted::of(chains);
+    plain_ess(&sorted.indicators(quantile(&sorted.values, probability)))
 }
 
 /// Monte-Carlo standard error of the mean: sd / sqrt(ESS).
@@ -108,8 +120,9 @@ pub fn mcse_mean(chains: &[&[f64]]) -> f64 {
 ///
 /// * `probability`: of the quantile, in (0, 1).
 pub fn mcse_quantile(chains: &[&[f64]], probability: f64) -> f64 {
-    let ess = ess_quantile(chains, probability);
-    let sorted = pooled_sorted(chains);
+    let order = Sorted::of(chains);
+    let ess = plain_ess(&order.indicators(quantile(&order.values, probability)));
+    let sorted = &order.values;
     let size = sorted.len() as f64;
     let (a, b) = (ess * probability + 1.0, ess * (1.0 - probability) + 1.0);
     let low = inv_beta_reg(a, b, 0.158_655_3) * size - 1.0;
@@ -147,101 +160,216 @@ pub fn quantile(sorted: &[f64], probability: f64) -> f64 {
 
 /// The mean of values.
 pub fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
+    sum_by(values, |value| value) / values.len() as f64
 }
 
 /// The sample variance of values, with n − 1 below.
 pub fn variance(values: &[f64]) -> f64 {
     let centre = mean(values);
-    let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
-    squares / (values.len() as f64 - 1.0)
+    sum_by(values, |value| (value - centre) * (value - centre)) / (values.len() as f64 - 1.0)
 }
 
-fn pooled_sorted(chains: &[&[f64]]) -> Vec<f64> {
-    let mut all = chains.concat();
-    all.sort_unstable_by(f64::total_cmp);
-    all
+/// A sum in eight strands, which do not wait for each other.
+fn sum_by(values: &[f64], term: impl Fn(f64) -> f64) -> f64 {
+    let (blocks, rest) = values.as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for block in blocks {
+        for lane in 0..LANES {
+            sums[lane] += term(block[lane]);
+        }
+    }
+    sums.iter().sum::<f64>() + rest.iter().map(|value| term(*value)).sum::<f64>()
+}
+
+/// Half chains of equal length, one after the other.
+struct Halves {
+    values: Vec<f64>,
+    length: usize,
+}
+
+impl Halves {
+    fn each(&self) -> impl Iterator<Item = &[f64]> {
+        self.values.chunks_exact(self.length.max(1))
+    }
 }
 
 /// First and last halves of each chain; the middle draw of an odd one is left out.
-fn split(chains: &[&[f64]]) -> Vec<Vec<f64>> {
-    let mut halves = Vec::with_capacity(2 * chains.len());
+fn split(chains: &[&[f64]]) -> Halves {
+    let length = chains.first().map_or(0, |chain| chain.len() / 2);
+    let mut values = Vec::with_capacity(2 * length * chains.len());
     for chain in chains {
-        let half = chain.len() / 2;
-        halves.push(chain[..half].to_vec());
-        halves.push(chain[chain.len() - half..].to_vec());
+        values.extend_from_slice(&chain[..length]);
+        values.extend_from_slice(&chain[chain.len() - length..]);
     }
-    halves
+    Halves { values, length }
 }
 
-/// Φ⁻¹((r − 3/8)/(S + 1/4)) of the average ranks r among all S draws.
-fn normal_scores(chains: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let length = chains.first().map_or(0, Vec::len);
-    let mut order: Vec<(f64, usize)> = chains
-        .iter()
-        .flatten()
-        .copied()
-        .enumerate()
-        .map(|(index, value)| (value, index))
-        .collect();
-    order.sort_unstable_by(|left, right| left.0.total_cmp(&right.0));
-    let size = order.len() as f64;
-    let standard = Normal::standard();
-    let mut scores = vec![vec![0.0; length]; chains.len()];
-    let mut start = 0;
-    while start < order.len() {
-        let ties = order[start..]
-            .iter()
-            .take_while(|(value, _)| *value == order[start].0)
-            .count();
-        // NaN equals nothing, itself included; it still takes one rank.
-        let ties = ties.max(1);
-        let rank = start as f64 + (ties as f64 + 1.0) / 2.0;
-        let score = standard.inverse_cdf((rank - 0.375) / (size + 0.25));
-        for (_, index) in &order[start..start + ties] {
-            scores[index / length][index % length] = score;
+/// All draws in increasing order.
+struct Sorted<'a> {
+    chains: &'a [&'a [f64]],
+    values: Vec<f64>,
+    /// Where each value stood among all draws, chain after chain.
+    places: Vec<u32>,
+}
+
+impl<'a> Sorted<'a> {
+    fn of(chains: &'a [&'a [f64]]) -> Self {
+        let all = chains.concat();
+        let places = order(&all);
+        Self {
+            chains,
+            values: places.iter().map(|place| all[*place as usize]).collect(),
+            places,
         }
-        start += ties;
     }
-    scores
+
+    /// 1 for each draw at or below a value, else 0, in half chains.
+    fn indicators(&self, at: f64) -> Halves {
+        let mut halves = split(self.chains);
+        for value in &mut halves.values {
+            *value = f64::from(u8::from(*value <= at));
+        }
+        halves
+    }
+
+    /// The distances from a value in increasing order, and their places: a merge of those below and above.
+    fn folded(&self, centre: f64) -> (Vec<f64>, Vec<u32>) {
+        let mut above = self.values.partition_point(|value| *value < centre);
+        let mut below = above;
+        let mut distances = Vec::with_capacity(self.values.len());
+        let mut places = Vec::with_capacity(self.values.len());
+        let distance = |index: usize| (self.values[index] - centre).abs();
+        while distances.len() < self.values.len() {
+            let is_above =
+                below == 0 || above < self.values.len() && !(distance(below - 1) < distance(above));
+            let index = if is_above {
+                above += 1;
+                above - 1
+            } else {
+                below -= 1;
+                below
+            };
+            distances.push(distance(index));
+            places.push(self.places[index]);
+        }
+        (distances, places)
+    }
+
+    /// Normal scores of the average ranks among the draws in half chains.
+    fn scores(&self, scores: &NormalScores, sorted: &[f64], places: &[u32]) -> Halves {
+        let length = self.chains.first().map_or(0, |chain| chain.len());
+        let half = length / 2;
+        let mut values = vec![0.0; 2 * half * self.chains.len()];
+        let is_odd = !length.is_multiple_of(2);
+        // Where a draw stands in half chains; nothing for the middle one of an odd chain.
+        let place_in_halves = |place: usize| {
+            if !is_odd {
+                return Some(place);
+            }
+            let (chain, at) = (place / length, place % length);
+            (at != half).then(|| chain * 2 * half + at - usize::from(at > half))
+        };
+        let mut start = 0;
+        let mut before = 0;
+        while start < sorted.len() {
+            // NaN equals nothing, itself included; it still takes one rank.
+            let mut end = start + 1;
+            while end < sorted.len() && sorted[end] == sorted[start] {
+                end += 1;
+            }
+            let tied = places[start..end].iter();
+            let tied = tied.filter_map(|place| place_in_halves(*place as usize));
+            let ties = if is_odd {
+                tied.clone().count()
+            } else {
+                end - start
+            };
+            if ties > 0 {
+                let score = scores.of(2 * before + ties + 1);
+                for place in tied {
+                    values[place] = score;
+                }
+            }
+            before += ties;
+            start = end;
+        }
+        debug_assert_eq!(before, scores.size());
+        Halves {
+            values,
+            length: half,
+        }
+    }
 }
 
-fn plain_rhat(chains: &[Vec<f64>]) -> f64 {
-    let length = chains[0].len() as f64;
-    let means: Vec<f64> = chains.iter().map(|chain| mean(chain)).collect();
-    let variances: Vec<f64> = chains.iter().map(|chain| variance(chain)).collect();
+fn plain_rhat(halves: &Halves) -> f64 {
+    let length = halves.length as f64;
+    let means: Vec<f64> = halves.each().map(mean).collect();
+    let variances: Vec<f64> = halves.each().map(variance).collect();
     let between = length * variance(&means);
     let within = mean(&variances);
     ((between / within + length - 1.0) / length).sqrt()
 }
 
-fn plain_ess(chains: &[Vec<f64>]) -> f64 {
-    let count = chains.len();
-    let length = chains[0].len();
+/// Σ x(t) x(t + lag) over all half chains.
+struct Products<'a> {
+    halves: &'a Halves,
+    lag: usize,
+}
+
+impl Kernel for Products<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn run(self) -> f64 {
+        let mut sums = [0.0; 2 * LANES];
+        let mut rest = 0.0;
+        for half in self.halves.each() {
+            let (now, now_rest) = half[..half.len() - self.lag].as_chunks::<{ 2 * LANES }>();
+            let (later, later_rest) = half[self.lag..].as_chunks::<{ 2 * LANES }>();
+            for (now, later) in now.iter().zip(later) {
+                for lane in 0..2 * LANES {
+                    sums[lane] += now[lane] * later[lane];
+                }
+            }
+            for (now, later) in now_rest.iter().zip(later_rest) {
+                rest += now * later;
+            }
+        }
+        sums.iter().sum::<f64>() + rest
+    }
+}
+
+fn plain_ess(halves: &Halves) -> f64 {
+    let length = halves.length;
     if length < 4 {
         return f64::NAN;
     }
-    let all = || chains.iter().flatten().copied();
-    let total = (count * length) as f64;
-    if all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min) < RESOLUTION {
+    let total = halves.values.len() as f64;
+    // Two draws that differ suffice, so the whole is gone through only where there are none.
+    let all = || halves.values.iter().copied();
+    let first = halves.values[0];
+    let range = || all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
+    if !all().any(|value| (value - first).abs() >= RESOLUTION) && range() < RESOLUTION {
         return total;
     }
 
-    let means: Vec<f64> = chains.iter().map(|chain| mean(chain)).collect();
-    let centred: Vec<Vec<f64>> = chains
-        .iter()
-        .zip(&means)
-        .map(|(chain, centre)| chain.iter().map(|value| value - centre).collect())
-        .collect();
+    let means: Vec<f64> = halves.each().map(mean).collect();
+    let mut centred = Halves {
+        values: halves.values.clone(),
+        length,
+    };
+    for (half, centre) in centred.values.chunks_exact_mut(length).zip(&means) {
+        for value in half {
+            *value -= centre;
+        }
+    }
+    let instructions = InstructionSet::widest();
     let autocovariance = |lag: usize| -> f64 {
-        let sum = |chain: &Vec<f64>| -> f64 {
-            chain
-                .iter()
-                .zip(&chain[lag..])
-                .map(|(now, later)| now * later)
-                .sum()
+        let products = Products {
+            halves: &centred,
+            lag,
         };
-        centred.iter().map(sum).sum::<f64>() / total
+        instructions.run(products) / total
     };
     let n = length as f64;
     let mean_variance = autocovariance(0) * n / (n - 1.0);

@@ -6,8 +6,8 @@ use std::collections::{BTreeMap, HashMap};
 
 use super::lanes::{InstructionSet, Kernel, LANES, exp, ln, ln_1p_of_share};
 use super::utility_table::{ParameterLanes, UtilityTable, lanes_of};
-use super::{ChoiceData, Draws};
-use crate::model::{ChoiceProblem, Parameter, Parameters, Prospect, RiskAwareOptions};
+use super::{ChoiceData, Draws, Quantity};
+use crate::model::{ChoiceProblem, Curvature, Parameter, Parameters, Prospect, RiskAwareOptions};
 
 /// Counts of choices over problems, in a form that does not depend on the order or the names in the data.
 ///
@@ -321,19 +321,24 @@ impl Predictor {
         let mut columns = vec![vec![0.0; draws.len()]; self.prospects.len()];
         let mut found = vec![[0.0; W]; self.prospects.len()];
         for start in (0..draws.len()).step_by(W) {
-            // The last block ends with copies of the last draw.
-            let people: [Parameters; W] =
-                array::from_fn(|lane| draws.parameters((start + lane).min(draws.len() - 1)));
-            let mut parameters: ParameterLanes<W> = [[0.0; W]; Parameter::ALL.len()];
-            for (values, name) in parameters.iter_mut().zip(Parameter::ALL) {
-                *values = array::from_fn(|lane| people[lane].get(name));
+            let end = (start + W).min(draws.len());
+            let mut parameters: ParameterLanes<W> = lanes_of(&Parameters::ONES);
+            for (quantity, values) in &draws.columns {
+                if let Quantity::Parameter(name) = quantity {
+                    // The last block ends with copies of the last draw.
+                    let lanes = &mut parameters[*name as usize];
+                    *lanes = [values[end - 1]; W];
+                    lanes[..end - start].copy_from_slice(&values[start..end]);
+                }
+            }
+            if draws.model.curvature == Curvature::Shared {
+                parameters[Parameter::Beta as usize] = parameters[Parameter::Alpha as usize];
             }
             InstructionSet::widest().run(Predict {
                 predictor: self,
                 parameters: &parameters,
                 found: &mut found,
             });
-            let end = (start + W).min(draws.len());
             for (column, values) in columns.iter_mut().zip(&found) {
                 column[start..end].copy_from_slice(&values[..end - start]);
             }

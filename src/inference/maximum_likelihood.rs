@@ -48,8 +48,10 @@ pub(super) fn maximum_likelihood(
         .map(|position| coordinates(&moved, posterior, position))
         .collect();
     let from_posterior = likeliest(&mut candidates, &moved, posterior);
+    let count = moved.len() as f64;
+    let golden = (0..64).fold(2.0_f64, |x, _| (1.0 + x).powf(1.0 / (count + 1.0)));
     let mut spread: Vec<Vec<f64>> = (0..SPREAD_POINTS)
-        .map(|index| spread_point(&moved, index))
+        .map(|index| spread_point(&moved, golden, index))
         .collect();
     let from_spread = likeliest(&mut spread, &moved, posterior);
 
@@ -164,9 +166,9 @@ fn parameters(moved: &[Parameter], posterior: &mut Posterior, position: &[f64]) 
 }
 
 /// Point `index` of a lattice over the coordinates of the climb.
-fn spread_point(moved: &[Parameter], index: usize) -> Vec<f64> {
-    let count = moved.len() as f64;
-    let golden = (0..64).fold(2.0_f64, |x, _| (1.0 + x).powf(1.0 / (count + 1.0)));
+///
+/// * `golden`: the generalised golden ratio of as many dimensions.
+fn spread_point(moved: &[Parameter], golden: f64, index: usize) -> Vec<f64> {
     let mut slope = 1.0;
     moved
         .iter()

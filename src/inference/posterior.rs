@@ -370,18 +370,22 @@ impl<const W: usize> Kernel for Evaluate<'_, W> {
         let mut prior = posterior.space.place(positions, &mut parameters);
         let reference = posterior.space.reference_lanes(&parameters);
         let space = &posterior.space;
-        let likelihood = posterior.likelihood.ln_likelihood(&parameters, |squares| {
-            let mut tau = [space.rest_tau; W];
-            if space.moves_tau() {
-                let last = &positions[positions.len() - 1];
-                let (moved, density) = space.tau_lanes(last, squares, &reference);
-                tau = moved;
-                for lane in 0..W {
-                    prior[lane] += density[lane];
+        let likelihood = posterior.likelihood.ln_likelihood(
+            &parameters,
+            #[inline(always)]
+            |squares: &[f64; W]| {
+                let mut tau = [space.rest_tau; W];
+                if space.moves_tau() {
+                    let last = &positions[positions.len() - 1];
+                    let (moved, density) = space.tau_lanes(last, squares, &reference);
+                    tau = moved;
+                    for lane in 0..W {
+                        prior[lane] += density[lane];
+                    }
                 }
-            }
-            theta_lanes(&tau, &reference)
-        });
+                theta_lanes(&tau, &reference)
+            },
+        );
         LnDensities { prior, likelihood }
     }
 }
@@ -419,5 +423,82 @@ impl Kernel for Locate<'_> {
         }
         posterior.space.place(positions, &mut parameters);
         posterior.complete_lanes(positions, parameters, tau)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::inference::choice_data::tests::data;
+    use crate::model::{MODELS, ln_probabilities};
+
+    fn choices() -> ChoiceData {
+        data(&[
+            (
+                "cups",
+                &[("a", &[(1.0, 20.0)]), ("b", &[(0.2, 105.0), (0.8, 0.0)])],
+                &[43, 7],
+            ),
+            (
+                "losses",
+                &[
+                    ("a", &[(1.0, -100.0)]),
+                    ("b", &[(0.05, -500.0), (0.95, 0.0)]),
+                ],
+                &[9, 4],
+            ),
+            (
+                "mixed",
+                &[
+                    ("a", &[(0.5, 30.0), (0.5, -20.0)]),
+                    ("b", &[(1.0, 0.0)]),
+                    ("c", &[(0.3, 50.0), (0.3, 10.0), (0.4, -40.0)]),
+                ],
+                &[5, 8, 0],
+            ),
+        ])
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(40))]
+
+        /// Every model of the family, against the choice rule itself; whatever the lanes and the instructions.
+        #[test]
+        fn the_likelihood_is_that_of_the_choice_rule(
+            positions in prop::collection::vec(prop::array::uniform8(-4.0..4.0), 8)
+        ) {
+            let data = choices();
+            for model in MODELS {
+                let options = model.options(RiskAwareOptions::default());
+                let mut posterior = Posterior::new(model, &data, Priors::default(), options, 105.0);
+                let positions = &positions[..posterior.dimension()];
+                let mut densities = Vec::new();
+                for set in InstructionSet::available() {
+                    posterior.instructions = set;
+                    densities.push(posterior.evaluate(positions));
+                }
+                for density in &densities {
+                    prop_assert_eq!(density, &densities[0]);
+                }
+                for lane in 0..8 {
+                    let position: Vec<[f64; 1]> = positions.iter().map(|x| [x[lane]]).collect();
+                    let alone = posterior.evaluate(&position);
+                    prop_assert_eq!(alone.prior[0], densities[0].prior[lane]);
+                    prop_assert_eq!(alone.likelihood[0], densities[0].likelihood[lane]);
+                    let position: Vec<f64> = position.iter().map(|x| x[0]).collect();
+                    let parameters = posterior.point(&position).parameters;
+                    let mut expected = 0.0;
+                    for (problem, counts) in data.problems().iter().zip(data.totals()) {
+                        let ln_p = ln_probabilities(&problem.problem, &parameters, options).unwrap();
+                        let terms = counts.iter().zip(ln_p).filter(|(count, _)| **count > 0);
+                        expected += terms.map(|(count, ln_p)| *count as f64 * ln_p).sum::<f64>();
+                    }
+                    let found = alone.likelihood[0];
+                    prop_assert!((found - expected).abs() < 1e-10 * (1.0 + expected.abs()));
+                }
+            }
+        }
     }
 }

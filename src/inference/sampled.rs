@@ -3,7 +3,7 @@
 use std::ops::{ControlFlow, Range};
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, mean, quantile};
+use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
 use super::lanes::{InstructionSet, Kernel, exp, ln};
 use super::likelihood::Predictor;
 use super::posterior::Posterior;
@@ -29,7 +29,10 @@ const WARM_ACCEPTANCE: f64 = 0.3;
 /// Rounds after which a warm fit gives way to a cold one.
 const WARM_ROUNDS: u32 = 3;
 
-/// Rounds of expectation maximisation that bring the proposal for the next fit up to date.
+/// A proposal that is accepted less often than this share of what it was when it was fitted is brought up to date.
+const WORN_SHARE: f64 = 0.85;
+
+/// Rounds of expectation maximisation that do so.
 const WARM_FIT_ROUNDS: usize = 3;
 
 /// Independent samples are at least this many integrated autocorrelation times apart.
@@ -49,6 +52,8 @@ pub(super) struct Warm {
     proposal: Proposal,
     points: Cloud,
     steps: usize,
+    /// Share of proposals accepted when the proposal was fitted.
+    acceptance: f64,
 }
 
 /// Draws with all that is read off them.
@@ -104,7 +109,7 @@ impl Sampling<'_> {
             let chains = self.run(&proposal, &starts, steps, round, watch)?;
             let satisfies = chains.acceptance >= LOW_ACCEPTANCE;
             if let Some(sampled) = self.read(&chains, round, satisfies, round == MAX_ROUNDS) {
-                return Ok(self.finish(sampled, &chains, &proposal, steps));
+                return Ok(self.finish(sampled, &chains, proposal, steps, None));
             }
             // Warm-up points stay in: chains that miss a mode must not teach the proposal to miss it too.
             let mut points = warm.points.clone();
@@ -129,21 +134,24 @@ impl Sampling<'_> {
         let start = |chain: usize| earlier.points.point(chain * stride % earlier.points.len());
         let mut starts: Vec<Vec<f64>> = (0..self.settings.chains).map(start).collect();
         let mut proposal = earlier.proposal.clone();
-        let mut steps = earlier.steps;
+        let mut steps = earlier.steps.div_ceil(2);
+        let mut fitted = Some(earlier.acceptance);
         for round in 1..=WARM_ROUNDS {
             let chains = self.run(&proposal, &starts, steps, round, watch)?;
             let satisfies = chains.acceptance >= WARM_ACCEPTANCE;
             if let Some(sampled) = self.read(&chains, round, satisfies, false) {
-                return Ok(Some(self.finish(sampled, &chains, &proposal, steps)));
+                return Ok(Some(self.finish(sampled, &chains, proposal, steps, fitted)));
             }
             if satisfies {
                 steps *= 2;
+            } else {
+                let seed = self.settings.seed;
+                let mut rng = random_stream(seed, ADAPTATION_STREAM + u64::from(round));
+                proposal = adapt(self.posterior, proposal, &mut rng, &mut || {
+                    watch(Progress::Sampling { round })
+                })?;
+                fitted = None;
             }
-            let seed = self.settings.seed;
-            let mut rng = random_stream(seed, ADAPTATION_STREAM + u64::from(round));
-            proposal = adapt(self.posterior, proposal, &mut rng, &mut || {
-                watch(Progress::Sampling { round })
-            })?;
             starts = chains.ends();
         }
         Ok(None)
@@ -189,26 +197,36 @@ impl Sampling<'_> {
         Sampled::of(draws, self.predictor, self.data, self.settings, is_last)
     }
 
+    /// Adds what needs the chains and the proposal.
+    ///
+    /// * `fitted`: the acceptance when the proposal was fitted, if that was not for these chains.
     fn finish(
         &mut self,
         mut sampled: Sampled,
         chains: &Chains,
-        proposal: &Proposal,
+        mut proposal: Proposal,
         steps: usize,
+        fitted: Option<f64>,
     ) -> Sampled {
         let mut rng = random_stream(self.settings.seed, EVIDENCE_STREAM);
         let draws = self.settings.chains * self.settings.draws;
-        let (value, se) = ln_evidence(self.posterior, proposal, draws, &mut rng);
+        let (value, se) = ln_evidence(self.posterior, &proposal, draws, &mut rng);
         sampled.ln_evidence =
             (value.is_finite() && se.is_finite()).then_some(Estimate { value, se });
         sampled.steps_per_draw = steps;
         sampled.acceptance = Some(chains.acceptance);
         let points = chains.thinned(REFIT_POINTS);
         sampled.points = points.points();
+        let mut acceptance = fitted.unwrap_or(chains.acceptance);
+        if chains.acceptance < WORN_SHARE * acceptance {
+            proposal = proposal.refit(&points, WARM_FIT_ROUNDS);
+            acceptance = chains.acceptance;
+        }
         sampled.warm = Some(Warm {
-            proposal: proposal.refit(&points, WARM_FIT_ROUNDS),
+            proposal,
             points,
             steps,
+            acceptance,
         });
         sampled
     }
@@ -276,9 +294,10 @@ impl Sampled {
         settings: &FitSettings,
         is_last: bool,
     ) -> Option<Self> {
+        let scores = NormalScores::new(draws.chains * (draws.per_chain / 2 * 2));
         let mut convergence = Vec::with_capacity(draws.columns.len());
         for (_, values) in &draws.columns {
-            let found = Convergence::of(&draws.by_chain(values));
+            let found = Convergence::with(&scores, &draws.by_chain(values));
             if !found.is_converged() && !is_last {
                 return None;
             }
@@ -303,7 +322,7 @@ impl Sampled {
             let found = if same < problem {
                 sampled.predicted_convergence[same]
             } else {
-                sampled.problem_convergence(predictor.range(problem))
+                sampled.problem_convergence(&scores, predictor.range(problem))
             };
             if found.is_some_and(|found| !found.is_converged()) && !is_last {
                 return None;
@@ -323,14 +342,18 @@ impl Sampled {
     }
 
     /// The worst convergence of the probabilities of one problem's actions, but the last, which follows.
-    fn problem_convergence(&self, range: Range<usize>) -> Option<Convergence> {
+    fn problem_convergence(
+        &self,
+        scores: &NormalScores,
+        range: Range<usize>,
+    ) -> Option<Convergence> {
         self.ln_predicted[range.start..range.end - 1]
             .iter()
             .filter(|column| column.iter().any(|value| (value - column[0]).abs() > 1e-12))
             .map(|column| {
                 // R̂ folds the values about their median, so that of ln P would be another one.
-                let probabilities: Vec<f64> = column.iter().map(|ln_p| ln_p.exp()).collect();
-                Convergence::of(&self.draws.by_chain(&probabilities))
+                let probabilities: Vec<f64> = column.iter().map(|ln_p| exp(*ln_p)).collect();
+                Convergence::with(scores, &self.draws.by_chain(&probabilities))
             })
             .reduce(|left, right| Convergence {
                 rhat: if left.rhat.is_nan() {

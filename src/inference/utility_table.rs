@@ -32,18 +32,19 @@ pub(super) struct UtilityTable {
     loss_chances: Vec<Chance>,
     terms: Vec<Term>,
     prospects: Vec<Terms>,
-    scratch: Scratch,
+    /// One for each number of lanes that was asked for.
+    scratches: Vec<Scratch>,
 }
 
-/// What the last evaluation computed, lanes beside each other.
-#[derive(Debug, Clone, Default)]
+/// What the last evaluation with as many lanes computed, lanes beside each other.
+#[derive(Debug, Clone)]
 struct Scratch {
     /// Gains, then losses before loss aversion.
     values: Vec<f64>,
     /// Never, surely, then gain chances, then loss chances.
     weights: Vec<f64>,
     utilities: Vec<f64>,
-    /// The parameters of the last evaluation; empty before the first.
+    /// The parameters of the last evaluation, NaN before the first.
     at: Vec<f64>,
 }
 
@@ -111,7 +112,7 @@ impl UtilityTable {
             loss_chances: Vec::new(),
             terms: Vec::new(),
             prospects: Vec::new(),
-            scratch: Scratch::default(),
+            scratches: Vec::new(),
         };
         // Distinct magnitudes and chances first: their number decides where losses begin.
         let mut distinct = Distinct::default();
@@ -180,17 +181,21 @@ impl UtilityTable {
         parameters: &ParameterLanes<W>,
     ) -> &[[f64; W]] {
         use Parameter::{Alpha, Beta, Delta, EtaGain, EtaLoss, Gamma, Lambda};
-        let scratch = &mut self.scratch;
-        let values = self.gains.len() + self.losses.len();
-        let weights = 2 + self.gain_chances.len() + self.loss_chances.len();
-        let is_fresh = scratch.at.len() != parameters.len() * W;
-        if is_fresh {
-            scratch.at = vec![f64::NAN; parameters.len() * W];
-            scratch.values = vec![0.0; values * W];
-            scratch.weights = vec![0.0; weights * W];
+        let size = parameters.len() * W;
+        let known = self.scratches.iter().position(|s| s.at.len() == size);
+        let index = known.unwrap_or_else(|| {
+            let mut scratch = Scratch {
+                values: vec![0.0; (self.gains.len() + self.losses.len()) * W],
+                weights: vec![0.0; (2 + self.gain_chances.len() + self.loss_chances.len()) * W],
+                utilities: vec![0.0; self.prospects.len() * W],
+                at: vec![f64::NAN; size],
+            };
             scratch.weights[W..2 * W].fill(1.0);
-            scratch.utilities = vec![0.0; self.prospects.len() * W];
-        }
+            self.scratches.push(scratch);
+            self.scratches.len() - 1
+        });
+        let is_fresh = known.is_none();
+        let scratch = &mut self.scratches[index];
         let at = scratch.at.as_chunks_mut::<W>().0;
         let values = scratch.values.as_chunks_mut::<W>().0;
         let weights = scratch.weights.as_chunks_mut::<W>().0;
@@ -217,16 +222,22 @@ impl UtilityTable {
             raise(loss_values, &self.losses, of(Beta));
             any = true;
         }
-        let weigh = match self.weighting {
-            WeightingFunction::TverskyKahneman => weigh_tversky_kahneman::<W>,
-            WeightingFunction::Prelec => weigh_prelec::<W>,
-        };
         if changed(&[Gamma, EtaGain]) {
-            weigh(gain_weights, &self.gain_chances, of(Gamma), of(EtaGain));
+            weigh(
+                self.weighting,
+                gain_weights,
+                &self.gain_chances,
+                [of(Gamma), of(EtaGain)],
+            );
             any = true;
         }
         if changed(&[Delta, EtaLoss]) {
-            weigh(loss_weights, &self.loss_chances, of(Delta), of(EtaLoss));
+            weigh(
+                self.weighting,
+                loss_weights,
+                &self.loss_chances,
+                [of(Delta), of(EtaLoss)],
+            );
             any = true;
         }
         if any {
@@ -356,13 +367,25 @@ fn raise<const W: usize>(values: &mut [[f64; W]], magnitudes: &[Magnitude], expo
     }
 }
 
+#[inline(always)]
+fn weigh<const W: usize>(
+    function: WeightingFunction,
+    weights: &mut [[f64; W]],
+    chances: &[Chance],
+    [exponent, elevation]: [&[f64; W]; 2],
+) {
+    match function {
+        WeightingFunction::TverskyKahneman => weigh_tversky_kahneman(weights, chances, exponent),
+        WeightingFunction::Prelec => weigh_prelec(weights, chances, exponent, elevation),
+    }
+}
+
 /// w(p) = p^γ / (p^γ + (1−p)^γ)^(1/γ).
 #[inline(always)]
 fn weigh_tversky_kahneman<const W: usize>(
     weights: &mut [[f64; W]],
     chances: &[Chance],
     exponent: &[f64; W],
-    _elevation: &[f64; W],
 ) {
     let mut inverse = [0.0; W];
     for lane in 0..W {

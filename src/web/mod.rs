@@ -38,7 +38,7 @@ pub use self::{
 };
 use crate::{
     chance::Chance,
-    jobs::Catalogue,
+    jobs::{Catalogue, Sweeps},
     store::{Population, Store},
 };
 
@@ -58,6 +58,8 @@ pub struct AppState {
     pub chance: Chance,
     /// How this server was started.
     pub settings: Arc<Settings>,
+    /// Simulated sweeps, computed when somebody asks for them.
+    pub sweeps: Arc<Sweeps>,
     /// Cancelled when the server stops, so that event streams end.
     pub stop: CancellationToken,
 }

@@ -3,7 +3,7 @@ import { showNumbers } from "./numbers.mjs";
 import { showWords } from "./words.mjs";
 
 const retryMs = 3000;
-const fitsMs = 1000;
+const restMs = 100;
 const allFits = ["curves", "accuracy", "reading", "sequential"];
 const words = {
   connecting: "Connecting…",
@@ -22,8 +22,9 @@ export class Live {
     this.latest = { data_version: -1, fit_version: -1 };
     this.wanted = null;
     this.fitsTimer = null;
-    this.fitsAt = performance.now();
+    this.shownAt = -Infinity;
     this.figures = new Figures(root);
+    root.addEventListener("planchange", () => this.refresh(["curves"]));
     this.say("connecting");
     this.refresh(["summary", ...this.fits]);
     this.listen();
@@ -48,15 +49,14 @@ export class Live {
     if (newFits || version.data_version !== this.data.summary?.data_version) this.refresh(["summary"]);
   }
 
-  /** Curves weigh much and change with every fit: at most once a second, and once more after the last change. */
+  /** Figures take long to draw and change with every fit: a rest between two drawings leaves the page usable. */
   refreshFits() {
     if (this.fitsTimer !== null) return;
     this.fitsTimer = setTimeout(() => {
       this.fitsTimer = null;
       if (this.hasFits()) return;
-      this.fitsAt = performance.now();
       this.refresh(this.fits);
-    }, Math.max(0, this.fitsAt + fitsMs - performance.now()));
+    }, Math.max(0, this.shownAt + restMs - performance.now()));
   }
 
   hasFits() {
@@ -75,7 +75,8 @@ export class Live {
       this.wanted.clear();
       const results = await Promise.allSettled(now.map((part) => this.fetchPart(part)));
       this.data.fetchedAt = new Date().toISOString();
-      this.show();
+      this.show(new Set(now));
+      if (now.includes("curves")) this.shownAt = performance.now();
       const failed = now.filter((_, index) => results[index].status === "rejected");
       if (failed.length > 0) {
         this.say("lost");
@@ -88,12 +89,21 @@ export class Live {
   }
 
   async fetchPart(part) {
-    const response = await fetch(this.root.dataset[part], { headers: { Accept: "application/json" }, cache: "no-store" });
-    if (!response.ok) throw new Error(`${part}: status ${response.status}`);
-    this.data[part] = await response.json();
+    const address = this.root.dataset[part];
+    this.data[part] = part === "curves" ? await this.fetchCurves(address) : await fetchJson(address);
   }
 
-  show() {
+  /** Only the curves of the plans that are drawn: those of all plans weigh ten times as much. */
+  async fetchCurves(address) {
+    const plans = this.figures.plans();
+    if (plans.length === 0) return fetchJson(address);
+    const all = await Promise.all(plans.map((plan) => fetchJson(`${address}?${new URLSearchParams({ plan })}`)));
+    // The oldest says what all of them hold.
+    const oldest = all.reduce((one, other) => (other.fit_version < one.fit_version ? other : one));
+    return { ...oldest, plans: all.flatMap((curves) => curves.plans) };
+  }
+
+  show(changed) {
     const { summary, reading } = this.data;
     if (summary) {
       // Hidden results appear, or vanish, as a page of their own.
@@ -102,7 +112,7 @@ export class Live {
       this.announce(summary.stopping);
     }
     if (reading) showWords(this.root, reading);
-    this.figures.update(this.data);
+    this.figures.update(this.data, changed);
   }
 
   /** That the rule for stopping was reached. */
@@ -118,4 +128,10 @@ export class Live {
     this.connection.dataset.state = state;
     this.connection.textContent = words[state];
   }
+}
+
+async function fetchJson(address) {
+  const response = await fetch(address, { headers: { Accept: "application/json" }, cache: "no-store" });
+  if (!response.ok) throw new Error(`${address}: status ${response.status}`);
+  return response.json();
 }

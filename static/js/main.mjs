@@ -7,6 +7,7 @@ const loaders = {
   trial: async () => (await import("./trial.mjs")).Trial,
   countdown: async () => (await import("./countdown.mjs")).Countdown,
   pending: async () => (await import("./pending.mjs")).Pending,
+  sweeps: async () => (await import("./sweeps.mjs")).Sweeps,
   live: async () => (await import("./live.mjs")).Live,
 };
 

@@ -6,7 +6,7 @@ use reqwest::{Client, Response, StatusCode};
 use riskaware::{
     chance::Chance,
     clock::Clock,
-    jobs::Catalogue,
+    jobs::{Catalogue, Sweeps},
     store::{AnswerKey, AnswerRow, Options, Population, Store},
     study::{self, Timestamp},
     web::{self, AppState, Settings},
@@ -50,6 +50,7 @@ impl App {
                 open_results: false,
                 population: Population::People,
             }),
+            sweeps: Arc::new(Sweeps::new(stop.clone())),
             stop: stop.clone(),
         };
         let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0)))

@@ -49,7 +49,12 @@ fn figures_have_errors_and_do_not_depend_on_threads() {
     let sizes = found["sizes"].as_array().unwrap();
     let width = |size: &Value| {
         assert_eq!(size["replicates"], 6);
-        for figure in ["bayes_factor_above_10", "bayes_factor_favours_wrong"] {
+        for figure in [
+            "elpd_beyond_two_se",
+            "elpd_favours_wrong",
+            "bayes_factor_above_10",
+            "bayes_factor_favours_wrong",
+        ] {
             let share = size[figure]["value"].as_f64().unwrap();
             assert!((0.0..=1.0).contains(&share) && size[figure]["se"].as_f64().unwrap() > 0.0);
         }

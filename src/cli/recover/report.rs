@@ -122,7 +122,7 @@ pub(super) fn write_table(out: &mut impl Write, report: &Report<'_>) -> io::Resu
             let width = found.map_or("-".to_owned(), |found| with_error(found.width));
             write!(out, " {width:>18}")?;
         }
-        writeln!(out, " {:>13}", recovery.not_compared)?;
+        writeln!(out, " {:>13}", recovery.not_scored)?;
     }
     for recovery in report.recoveries {
         writeln!(

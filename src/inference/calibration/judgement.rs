@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use super::{Bands, RankedQuantity, Replicate, UniformRanks, holm};
+use super::{Bands, RankedQuantity, Replicate, UniformRanks};
+use crate::inference::comparison::holm;
 
 /// Probability with which the bands hold all of one quantity's ranks of one seed, if its posterior is right.
 pub const LEVEL: f64 = 0.99;

@@ -6,7 +6,7 @@
 //! the ends from ones that are too narrow, ranks that lean to one side from biased ones.
 //!
 //! * [`Experiment`]: a design with a model; [`Experiment::replicate`] gives the ranks of one simulated study.
-//! * [`UniformRanks`], [`Bands`], [`holm`]: whether ranks are uniform.
+//! * [`UniformRanks`], [`Bands`]: whether ranks are uniform.
 //! * [`judge`]: the same for all quantities of several experiments and seeds together.
 //!
 //! Source: Talts, Betancourt, Simpson, Vehtari & Gelman (2018), *Validating Bayesian inference algorithms with
@@ -19,4 +19,4 @@ mod uniformity;
 
 pub use judgement::{Judgement, LEVEL, QuantityJudgement, RankSet, RankTest, judge};
 pub use replicate::{CalibrationError, Experiment, RankedQuantity, Replicate, rank};
-pub use uniformity::{Bands, UniformRanks, holm};
+pub use uniformity::{Bands, UniformRanks};

@@ -73,6 +73,17 @@ pub enum EvidenceWords {
 }
 
 impl EvidenceWords {
+    /// The grade in words.
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Anecdotal => "anecdotal",
+            Self::Moderate => "moderate",
+            Self::Strong => "strong",
+            Self::VeryStrong => "very strong",
+            Self::Extreme => "extreme",
+        }
+    }
+
     fn of(ln_bayes_factor: f64) -> Self {
         let factor = ln_bayes_factor.abs();
         let bounds = [

@@ -120,7 +120,8 @@ pub fn participant_bootstrap(
     }
     let used: Vec<&Estimates> = found.iter().flatten().collect();
     let interval = |value: &dyn Fn(&Estimates) -> f64| {
-        let mut values: Vec<f64> = used.iter().map(|estimates| value(estimates)).collect();
+        let all = used.iter().map(|estimates| value(estimates));
+        let mut values: Vec<f64> = all.filter(|value| !value.is_nan()).collect();
         values.sort_by(f64::total_cmp);
         let at = |probability| (!values.is_empty()).then(|| quantile(&values, probability));
         ResampledInterval {

@@ -1,6 +1,6 @@
 //! What each draw of a fit says about answers: the one place where comparisons ask a model.
 
-use super::plan::{Answers, Pattern};
+use super::plan::Pattern;
 use crate::inference::likelihood::Predictor;
 use crate::inference::{Draws, Fit, FitSettings, FitSummary, FittedProblem};
 use crate::model::ChoiceModel;
@@ -42,9 +42,21 @@ impl PartFit {
         }
     }
 
-    fn predictor(&self, problems: &[FittedProblem]) -> Predictor {
-        let problems = problems.iter().map(|problem| &problem.problem);
-        Predictor::new(problems, self.summary.options)
+    /// Hands over ln P(a | draw) for the problems, block after block: a predictor over the block, the position of its first
+    /// problem, and a column over draws for each action. NaN where decision weights vanish.
+    fn by_block(
+        &self,
+        problems: &[FittedProblem],
+        visit: &mut dyn FnMut(&Predictor, usize, &[Vec<f64>]),
+    ) {
+        // All columns of many thousand problems would not fit into memory.
+        const BLOCK: usize = 256;
+        for (place, block) in problems.chunks(BLOCK).enumerate() {
+            let of_block = block.iter().map(|problem| &problem.problem);
+            let mut predictor = Predictor::new(of_block, self.summary.options);
+            let columns = predictor.of_draws(&self.draws);
+            visit(&predictor, place * BLOCK, &columns);
+        }
     }
 
     /// ln p(y | draw) of each pattern's answers: one list over draws per pattern.
@@ -57,28 +69,25 @@ impl PartFit {
         problems: &[FittedProblem],
         patterns: &[Pattern],
     ) -> Vec<Vec<f64>> {
-        let mut predictor = self.predictor(problems);
-        let places: Vec<Vec<(usize, f64)>> = patterns
-            .iter()
-            .map(|pattern| {
-                let place = |answers: &Answers| {
-                    let start = predictor.range(answers.problem).start;
-                    (start + answers.action, answers.count as f64)
-                };
-                pattern.answers.iter().map(place).collect()
-            })
-            .collect();
-        let mut columns = vec![Vec::with_capacity(self.draws.len()); patterns.len()];
-        for draw in 0..self.draws.len() {
-            let ln_p = predictor.ln_probabilities(&self.draws.parameters(draw));
-            for (column, places) in columns.iter_mut().zip(&places) {
-                let terms = places.iter().map(|(place, count)| count * ln_p[*place]);
-                let sum: f64 = terms.sum();
-                // Where decision weights vanish nothing can be chosen.
-                column.push(if sum.is_nan() { f64::NEG_INFINITY } else { sum });
+        let mut sums = vec![vec![0.0; self.draws.len()]; patterns.len()];
+        self.by_block(problems, &mut |predictor, first, columns| {
+            let block = first..first + predictor.problems();
+            for (sums, pattern) in sums.iter_mut().zip(patterns) {
+                let answers = pattern.answers.iter();
+                for answers in answers.filter(|answers| block.contains(&answers.problem)) {
+                    let start = predictor.range(answers.problem - first).start;
+                    let column = &columns[start + answers.action];
+                    for (sum, ln_p) in sums.iter_mut().zip(column) {
+                        *sum += answers.count as f64 * ln_p;
+                    }
+                }
             }
+        });
+        // Where decision weights vanish nothing can be chosen.
+        for sum in sums.iter_mut().flatten().filter(|sum| sum.is_nan()) {
+            *sum = f64::NEG_INFINITY;
         }
-        columns
+        sums
     }
 
     /// P(a) of each problem's actions, averaged over draws; draws under which decision weights vanish are left out.
@@ -92,30 +101,24 @@ impl PartFit {
         problems: &[FittedProblem],
         weights: &[f64],
     ) -> Vec<Vec<f64>> {
-        let mut predictor = self.predictor(problems);
-        let mut sums: Vec<Vec<f64>> = problems
-            .iter()
-            .map(|problem| vec![0.0; problem.problem.actions().len()])
-            .collect();
-        let mut used = vec![0.0; problems.len()];
-        for (draw, weight) in weights.iter().enumerate() {
-            let ln_p = predictor.ln_probabilities(&self.draws.parameters(draw));
-            for (problem, sums) in sums.iter_mut().enumerate() {
-                let ln_p = &ln_p[predictor.range(problem)];
-                if ln_p.iter().any(|ln_p| ln_p.is_nan()) {
-                    continue;
+        let mut found = Vec::with_capacity(problems.len());
+        self.by_block(problems, &mut |predictor, _, columns| {
+            for problem in 0..predictor.problems() {
+                let columns = &columns[predictor.range(problem)];
+                let mut sums = vec![0.0; columns.len()];
+                let mut used = 0.0;
+                for (draw, weight) in weights.iter().enumerate() {
+                    if columns.iter().any(|column| column[draw].is_nan()) {
+                        continue;
+                    }
+                    used += weight;
+                    for (sum, column) in sums.iter_mut().zip(columns) {
+                        *sum += weight * column[draw].exp();
+                    }
                 }
-                used[problem] += weight;
-                for (sum, ln_p) in sums.iter_mut().zip(ln_p) {
-                    *sum += weight * ln_p.exp();
-                }
+                found.push(sums.into_iter().map(|sum| sum / used).collect());
             }
-        }
-        for (sums, used) in sums.iter_mut().zip(used) {
-            for sum in sums {
-                *sum /= used;
-            }
-        }
-        sums
+        });
+        found
     }
 }

@@ -5,8 +5,8 @@
 //! for each set and picks the widest one when the program runs, so no compiler flag is needed.
 //!
 //! Sums and products are never fused and never reordered, and exp, ln, sine and cosine are polynomials of this module:
-//! so lanes hold the same bits on every instruction set and for every `W`, and draws can be compared between machines.
-//! Measured on AMD Zen 5, where additions and multiplications have units of their own, fusing would save about a tenth.
+//! so lanes hold the same bits with every instruction set and for every `W`. The price is a rounding, and on processors
+//! that do not add and multiply in separate units some time; it has not been measured.
 
 mod elementary;
 mod random;

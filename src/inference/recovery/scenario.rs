@@ -1,7 +1,10 @@
 //! One simulated study, fitted with the model that made its choices and with a rival.
 
+use std::ops::ControlFlow;
+
 use rand::RngExt;
 
+use crate::inference::comparison::{ComparisonSettings, KnownFit, PlanData, Unit, compare_models};
 use crate::inference::sampler::random_stream;
 use crate::inference::simulated::{SimulatedPerson, SimulationError};
 use crate::inference::{
@@ -43,7 +46,7 @@ pub struct Replicate {
     pub quantities: Option<Vec<RecoveredQuantity>>,
     /// ln of the Bayes factor of this model to its rival; missing unless both have converged.
     pub ln_bayes_factor: Option<f64>,
-    /// Their difference when people are left out; missing unless both have converged.
+    /// Their difference when people are left out; missing unless both have converged, without these people too.
     pub score_gap: Option<ScoreGap>,
 }
 
@@ -140,13 +143,39 @@ fn ln_bayes_factor(right: &Fit, wrong: &Fit) -> Option<f64> {
     Some(ln_evidence(right)?.value - ln_evidence(wrong)?.value)
 }
 
+/// Nothing where a person's score needed a fit without them that did not converge.
 fn score_gap(
-    _data: &ChoiceData,
-    _right: Fit,
-    _wrong: Fit,
-    _settings: &FitSettings,
+    data: &ChoiceData,
+    right: Fit,
+    wrong: Fit,
+    settings: &FitSettings,
 ) -> Result<Option<ScoreGap>, FitError> {
-    Ok(None)
+    let plan = PlanData::whole(data, Unit::Participant);
+    let models = [wrong.model, right.model];
+    let known = [wrong, right].map(|fit| KnownFit {
+        part: 0,
+        fit: fit.into(),
+    });
+    let comparison = compare_models(
+        &plan,
+        &models,
+        settings,
+        &known,
+        &ComparisonSettings::BRIEF,
+        &mut |_| ControlFlow::Continue(()),
+    )?;
+    let trusted = comparison.models.iter().all(|(_, scores)| {
+        let left_out = scores.leave_one_out.as_ref();
+        left_out.is_some_and(|left_out| left_out.unconverged == 0)
+    });
+    // The later of the two models comes first in their pair.
+    let gap = comparison.pairs.first().and_then(|pair| pair.leave_one_out);
+    Ok(gap
+        .filter(|gap| trusted && gap.difference.value.is_finite())
+        .map(|gap| ScoreGap {
+            value: gap.difference.value,
+            beyond_two_se: gap.difference.beyond_two_se,
+        }))
 }
 
 /// Why a study was not simulated and fitted.

@@ -20,8 +20,10 @@ pub struct Recovery {
     pub replicates: usize,
     /// In how many of them the model that people follow did not converge; its figures leave them out.
     pub unconverged: usize,
-    /// In how many of them one of the two models did not converge; comparisons leave them out.
+    /// In how many of them one of the two models did not converge; Bayes factors leave them out.
     pub not_compared: usize,
+    /// In how many of them that, or a fit without one of the people did not converge; elpd leaves them out.
+    pub not_scored: usize,
     /// How often the right model predicts people who were left out better, by more than two standard errors.
     pub elpd_beyond_two_se: Option<Estimate>,
     /// How often the wrong one predicts them better, by however little.
@@ -106,6 +108,7 @@ impl Recovery {
             replicates: replicates.len(),
             unconverged: replicates.len() - converged.len(),
             not_compared: replicates.len() - ln_factors.len(),
+            not_scored: replicates.len() - gaps.len(),
             elpd_beyond_two_se: share(&gaps, |gap| gap.beyond_two_se && gap.value > 0.0),
             elpd_favours_wrong: share(&gaps, |gap| gap.value < 0.0),
             bayes_factor_above_10: share(&ln_factors, |ln| *ln > CLEAR_BAYES_FACTOR.ln()),
@@ -211,7 +214,7 @@ mod tests {
                 recovery.people,
                 recovery.replicates,
                 recovery.unconverged,
-                recovery.not_compared
+                recovery.not_scored
             ),
             (7, 4, 1, 1)
         );

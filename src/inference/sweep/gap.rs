@@ -568,8 +568,9 @@ mod tests {
         );
     }
 
-    /// The paper's claim. 25 of 30 on the optimal action by far: both models follow. On an action that is worse by far (474 for
-    /// sure against a 5 % risk of 500): neither does. Where the two are close, on either side, Risk-Aware alone does.
+    /// The paper's claim, and its limits. 25 of 30 on the better action by far: both models follow. On the worse one by far (474
+    /// for sure against a 5 % risk of 500): neither does. Where the two are close: Risk-Aware alone if a small risk is to be
+    /// avoided; Noisy Rational if a large one is, which Risk-Aware sees as smaller than it is.
     #[test]
     fn risk_aware_gains_where_expected_rewards_are_close() {
         let problems = [driving(0.95, false), driving(0.05, false)];
@@ -585,7 +586,7 @@ mod tests {
         assert!(gain(0, 0).abs() < 1.5, "optimal, far: {}", gain(0, 0));
         assert!(gain(1, 1).abs() < 0.5, "suboptimal, far: {}", gain(1, 1));
         assert!(gain(1, 0) > 1.5, "suboptimal by 1 of 500: {}", gain(1, 0));
-        assert!(gain(0, 1) > 1.5, "optimal by 1 of 500: {}", gain(0, 1));
+        assert!(gain(0, 1) < -0.5, "optimal by 1 of 500: {}", gain(0, 1));
     }
 
     #[test]

@@ -7,6 +7,7 @@ mod draws;
 mod extract;
 mod fits;
 mod predict;
+mod sweeps;
 
 use std::sync::Arc;
 
@@ -22,7 +23,7 @@ use tokio_util::sync::CancellationToken;
 use self::extract::{Path, Query};
 use super::{
     ApiError, AppState, Error, Settings, events,
-    results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
+    results::{self, Accuracy, Comparison, Sequential, Summary},
 };
 use crate::{
     jobs::Catalogue,
@@ -44,6 +45,8 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}/fits/{fit}/draws.csv", get(draws::csv))
         .route("/studies/{study}/curves", get(curves))
         .route("/studies/{study}/accuracy", get(accuracy))
+        .route("/studies/{study}/sweep", get(sweeps::share))
+        .route("/studies/{study}/gap-sweep", get(sweeps::gap))
         .route("/studies/{study}/comparison", get(comparison))
         .route("/studies/{study}/sequential", get(sequential))
         .route("/studies/{study}/predict", post(predict::predict))
@@ -189,11 +192,10 @@ async fn summary(
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
-    Query(PlanQuery { plan }): Query<PlanQuery>,
+    Query(query): Query<results::CurvesQuery>,
 ) -> Result<Response, ApiError> {
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
-    results::plan(&snapshot, plan.as_ref())?;
-    Ok(Json(Curves::new(&snapshot, plan.as_ref())).into_response())
+    Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::predictive::{CheckRow, checks};
 use crate::{
     inference::accuracy::{
         CellAccuracy as Scored, LnKl, Shares, TTest, compare, pooled, reference_level,
@@ -31,6 +32,8 @@ pub(in crate::web) struct Accuracy {
     /// With shares (n_a + ½)/(n + A/2) in every cell.
     pub pooled_smoothed: Vec<PooledRow>,
     pub paper: Vec<PaperRow>,
+    /// Posterior predictive checks per fitted cell.
+    pub checks: Vec<CheckRow>,
 }
 
 #[derive(Debug, Serialize)]
@@ -197,6 +200,7 @@ impl Accuracy {
                 .iter()
                 .map(|figure| paper_row(study, figure))
                 .collect(),
+            checks: checks(snapshot, plan),
         }
     }
 }

@@ -6,7 +6,7 @@ use crate::{
     inference::curves::{Band, Curve, Curves as Fitted},
     jobs::{PartFit, Snapshot},
     model::OrderedMap,
-    study::{PlanId, RewardUnit},
+    study::{PartId, PlanId, RewardUnit},
     web::results::format::rfc3339,
 };
 
@@ -15,6 +15,8 @@ use crate::{
 pub(in crate::web) struct Curves {
     pub data_version: i64,
     pub fit_version: i64,
+    /// The newest data that one of these fits has read.
+    pub fitted_version: Option<i64>,
     /// Draws per fit, where all fits keep equally many.
     pub draws: Option<u64>,
     /// When the latest of the fits was made.
@@ -35,6 +37,8 @@ pub(in crate::web) struct PartCurves {
 #[derive(Debug, Serialize)]
 pub(in crate::web) struct ModelCurves {
     pub seed: u64,
+    /// The fit started from the one before it; a final one follows once the study is idle.
+    pub provisional: bool,
     /// w⁺ over probability; null for a model that takes probabilities as they are.
     pub weighting_gain: Option<Series>,
     /// w⁻ over probability.
@@ -84,12 +88,19 @@ pub(in crate::web) struct Gap {
 }
 
 impl Curves {
-    /// The curves of one plan, or of all.
-    pub(in crate::web) fn new(snapshot: &Snapshot, plan: Option<&PlanId>) -> Self {
+    /// The curves of all plans, of one plan, or of one part of one.
+    pub(in crate::web) fn new(
+        snapshot: &Snapshot,
+        plan: Option<&PlanId>,
+        part: Option<&PartId>,
+    ) -> Self {
         let fits: Vec<&PartFit> = snapshot
             .fits
             .iter()
-            .filter(|part| plan.is_none_or(|plan| part.plan == *plan))
+            .filter(|fit| {
+                plan.is_none_or(|plan| fit.plan == *plan)
+                    && part.is_none_or(|part| fit.part == *part)
+            })
             .collect();
         let unit = snapshot.study.reward_unit();
         let mut plans: Vec<PartCurves> = Vec::new();
@@ -115,6 +126,10 @@ impl Curves {
         Self {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
+            fitted_version: fits
+                .iter()
+                .filter_map(|part| Some(part.fit.as_ref()?.data_version))
+                .max(),
             draws: first.filter(|first| draws.all(|other| other == *first)),
             at: fits
                 .iter()
@@ -130,6 +145,7 @@ fn model(part: &PartFit, unit: &RewardUnit) -> Option<(String, ModelCurves)> {
     let fitted = part.converged()?.curves.as_ref()?;
     let curves = ModelCurves {
         seed: part.fit.as_ref()?.seed,
+        provisional: part.is_provisional(),
         weighting_gain: fitted.weighting_gains.as_ref().map(series),
         weighting_loss: fitted.weighting_losses.as_ref().map(series),
         decision_weight: decision_weight(fitted, unit),
@@ -174,7 +190,9 @@ fn decision_weight(fitted: &Fitted, unit: &RewardUnit) -> Option<DecisionWeight>
 fn series(curve: &Curve) -> Series {
     let column = |of: fn(&Band) -> Option<f64>| {
         let bands = curve.bands.iter();
-        bands.map(|band| band.as_ref().and_then(of)).collect()
+        bands
+            .map(|band| band.as_ref().and_then(of).map(short))
+            .collect()
     };
     Series {
         x: curve.x.clone(),
@@ -184,5 +202,28 @@ fn series(curve: &Curve) -> Series {
         q75: column(|band| Some(band.q75)),
         q95: column(|band| Some(band.q95)),
         prior_mean: column(|band| band.prior),
+    }
+}
+
+/// A number with five significant digits: finer than any drawing, and a third of the text. Draws have all digits.
+fn short(number: f64) -> f64 {
+    format!("{number:.4e}").parse().unwrap_or(number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn numbers_keep_five_digits_at_any_size() {
+        for (number, expected) in [
+            (0.123_456_789, 0.12346),
+            (-98_765.4321, -98_765.0),
+            (1.234_56e-12, 1.2346e-12),
+            (0.0, 0.0),
+            (1.0, 1.0),
+        ] {
+            assert_eq!(short(number), expected);
+        }
     }
 }

@@ -8,9 +8,12 @@ mod evidence;
 mod format;
 mod page;
 mod page_tables;
+mod predictive;
 mod reading;
 mod report;
 mod summary;
+mod sweep;
+mod sweep_page;
 mod table;
 mod verdict;
 
@@ -18,7 +21,7 @@ use std::sync::Arc;
 
 use axum::{
     Json, Router,
-    extract::{Path, Query, State},
+    extract::{Path, Query, State, rejection::QueryRejection},
     response::{IntoResponse, Response},
     routing::get,
 };
@@ -27,23 +30,27 @@ use tokio_util::sync::CancellationToken;
 
 use self::reading::Reading;
 pub use self::report::FitReportPage;
+use self::sweep_page::{PageQuery, SweepPage};
 pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
     format::rfc3339,
     summary::{FitRow, Summary},
+    sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
 use super::{ApiError, AppState, Error, Settings, events};
 use crate::{
-    jobs::{Catalogue, Snapshot},
+    inference::sweep::DEFAULT_ANSWERS,
+    jobs::{Catalogue, Snapshot, Sweeps},
     store::Store,
-    study::{FitPlan, PlanId, StudyId},
+    study::{FitPlan, PartId, PlanId, StudyId},
 };
 
 pub(super) fn router() -> Router<AppState> {
     Router::new()
         .route("/results/{study}", get(results))
+        .route("/results/{study}/sweep", get(sweep))
         .route("/results/{study}/data/summary.json", get(summary))
         .route("/results/{study}/data/curves.json", get(curves))
         .route("/results/{study}/data/accuracy.json", get(accuracy))
@@ -108,6 +115,41 @@ pub(super) fn plan<'a>(snapshot: &'a Snapshot, id: Option<&PlanId>) -> Result<&'
     })
 }
 
+/// Whose curves are asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct CurvesQuery {
+    plan: Option<PlanId>,
+    part: Option<PartId>,
+}
+
+impl CurvesQuery {
+    /// The curves, if the plan and the part exist.
+    pub(super) fn curves(&self, snapshot: &Snapshot) -> Result<Curves, Error> {
+        let plan = plan(snapshot, self.plan.as_ref())?;
+        match (&self.plan, &self.part) {
+            (None, Some(_)) => {
+                return Err(Error::BadRequest(
+                    "part is given without plan; allowed: both, or plan alone".to_owned(),
+                ));
+            }
+            (Some(_), Some(part)) if plan.parts.iter().all(|known| known.id != *part) => {
+                let known: Vec<&str> = plan.parts.iter().map(|part| part.id.as_str()).collect();
+                return Err(Error::BadRequest(format!(
+                    "part `{part}` does not exist; allowed: {}",
+                    known.join(", ")
+                )));
+            }
+            (Some(_), Some(_)) | (_, None) => {}
+        }
+        Ok(Curves::new(
+            snapshot,
+            self.plan.as_ref(),
+            self.part.as_ref(),
+        ))
+    }
+}
+
 /// Which plan is asked for.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -127,6 +169,36 @@ async fn results(
     }
     let attention = page::attention(&store, &snapshot).await?;
     Ok(page::ResultsPage::new(&snapshot, attention).into_response())
+}
+
+async fn sweep(
+    (State(store), State(catalogue), State(settings)): Parts,
+    State(sweeps): State<Arc<Sweeps>>,
+    Path(study): Path<StudyId>,
+    query: Result<Query<PageQuery>, QueryRejection>,
+) -> Result<Response, Error> {
+    let Query(query) = query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
+    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let n = query.n.unwrap_or(DEFAULT_ANSWERS);
+    let wanted = ShareQuery {
+        cell: query.cell.clone(),
+        n: Some(n),
+        seeds: query.seeds,
+        ..ShareQuery::default()
+    };
+    let share = Wanted::share(&snapshot.study, &wanted)?;
+    let wanted = GapQuery {
+        steps: query.steps,
+        seeds: query.seeds,
+        ..GapQuery::default()
+    };
+    let gap = Wanted::gap(&snapshot, &wanted)?;
+    // Asked for here already, so that they are on their way when the page's script asks.
+    let state = sweeps.ask(&share.input);
+    let share = share.answer(&snapshot.study, state)?;
+    let state = sweeps.ask(&gap.input);
+    let gap = gap.answer(&snapshot.study, state)?;
+    Ok(SweepPage::new(&snapshot, &query, n, &share, &gap).into_response())
 }
 
 async fn summary(
@@ -166,9 +238,10 @@ async fn sequential(
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
+    Query(query): Query<CurvesQuery>,
 ) -> Result<Response, ApiError> {
     let snapshot = shown(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(Curves::new(&snapshot, None)).into_response())
+    Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(

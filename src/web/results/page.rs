@@ -7,7 +7,7 @@ use super::{
     Accuracy, Curves, Reading, Sequential, Summary,
     curves::{PartCurves, Series},
     format::{count, decimal, interval, mean_sd, percent},
-    page_tables as tables,
+    page_tables as tables, predictive,
     summary::{Answers, People},
     table::{Align, Cell, Table},
 };
@@ -15,6 +15,7 @@ use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
     store::{Error, Store},
+    study::PlanId,
     web::assets,
 };
 
@@ -54,6 +55,7 @@ struct Figures {
     value: Figure,
     value_shape: Figure,
     accuracy: Figure,
+    predictive: Figure,
 }
 
 /// A figure that a script draws, with the table that holds its numbers.
@@ -118,10 +120,10 @@ impl ResultsPage {
     pub(super) fn new(snapshot: &Snapshot, attention: Vec<Attention>) -> Self {
         let summary = Summary::new(snapshot);
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
-        let curves = Curves::new(snapshot, None);
         let reading = Reading::new(snapshot);
         let sequential = Sequential::new(snapshot);
         let curve_plan = curve_plan(snapshot);
+        let curves = Curves::new(snapshot, Some(&PlanId::from(curve_plan.as_str())), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
             study: summary.study.id.clone(),
@@ -271,6 +273,14 @@ fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) 
                 accuracy.plan_label, accuracy.samples
             ),
             table: tables::ln_kl(accuracy),
+        },
+        predictive: Figure {
+            kind: "predictive_check",
+            title: "Would people who choose so leave such answers?",
+            subtitle: "Dots: what was chosen. Bars: 50 % and 90 % of what as many people would choose if the model were right, over draws of its fit. p: how often they would choose it more (ties half); near 0 or 1 the model misses. The fit saw these answers, so a middling p says little.",
+            plan: None,
+            caption: format!("{source} · fit: {}", accuracy.plan_label),
+            table: predictive::table(&accuracy.checks),
         },
     }
 }

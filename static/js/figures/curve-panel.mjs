@@ -105,7 +105,8 @@ function endLabels(labels, xDomain, yDomain, height, palette) {
   );
 }
 
-function addHatch(plot, id, palette) {
+/** The pattern that fills Noisy Rational's band. */
+export function addHatch(plot, id, palette) {
   const space = "http://www.w3.org/2000/svg";
   const pattern = document.createElementNS(space, "pattern");
   const attributes = { id, width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };

@@ -68,11 +68,12 @@ export class Figure {
     showTable(this.tableFrame, content);
     this.captionLine.textContent = this.kind.caption?.(data) ?? caption(this.kind, data, this.plan);
     for (const button of this.buttons) button.disabled = !this.drawn;
+    if (this.kind.byPlan) this.element.dataset.fittedVersion = data.curves.fitted_version ?? "";
   }
 
   /** Keeps the chosen plan while it exists; offers a choice where there is more than one. */
   offerPlans() {
-    const plans = [...new Set(this.data.curves.plans.map((entry) => entry.plan))];
+    const plans = this.data.summary.plans.map((plan) => plan.id);
     if (!plans.includes(this.plan)) this.plan = plans[0] ?? null;
     if (plans.length < 2 || this.offered === plans.join()) return;
     this.offered = plans.join();
@@ -85,7 +86,8 @@ export class Figure {
     for (const plan of plans) select.add(new Option(planLabel(this.data.summary, plan), plan, false, plan === this.plan));
     select.addEventListener("change", () => {
       this.plan = select.value;
-      this.update(this.data);
+      // The curves of this plan are fetched, and then drawn.
+      this.element.dispatchEvent(new CustomEvent("planchange", { bubbles: true }));
     });
     label.append(select);
     this.plot.before(label);
