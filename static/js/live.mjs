@@ -4,7 +4,9 @@ import { showWords } from "./words.mjs";
 
 const retryMs = 3000;
 const restMs = 100;
-const allFits = ["curves", "accuracy", "reading", "sequential"];
+const slowMs = 1000;
+const fits = ["curves", "accuracy"];
+const beside = ["reading", "sequential"];
 const words = {
   connecting: "Connecting…",
   live: "Live: new answers appear by themselves.",
@@ -17,16 +19,19 @@ export class Live {
     this.root = root;
     this.connection = root.querySelector("[data-part=connection]");
     // A page that hides its results has none of these.
-    this.fits = allFits.filter((part) => root.dataset[part]);
+    this.fits = fits.filter((part) => root.dataset[part]);
+    this.beside = beside.filter((part) => root.dataset[part]);
     this.data = {};
     this.latest = { data_version: -1, fit_version: -1 };
     this.wanted = null;
     this.fitsTimer = null;
+    this.besideTimer = null;
     this.shownAt = -Infinity;
     this.figures = new Figures(root);
     root.addEventListener("planchange", () => this.refresh(["curves"]));
     this.say("connecting");
     this.refresh(["summary", ...this.fits]);
+    this.refreshBeside(0);
     this.listen();
   }
 
@@ -46,6 +51,7 @@ export class Live {
     this.latest = version;
     const newFits = !this.hasFits();
     if (newFits) this.refreshFits();
+    if (!this.has(this.beside)) this.refreshBeside(slowMs);
     if (newFits || version.data_version !== this.data.summary?.data_version) this.refresh(["summary"]);
   }
 
@@ -59,8 +65,21 @@ export class Live {
     }, Math.max(0, this.shownAt + restMs - performance.now()));
   }
 
+  /** Sentences and tables are read, not watched: once a second, so that curves need not wait for them. */
+  refreshBeside(delay) {
+    if (this.besideTimer !== null || this.beside.length === 0) return;
+    this.besideTimer = setTimeout(() => {
+      this.besideTimer = null;
+      this.refresh(this.beside);
+    }, delay);
+  }
+
   hasFits() {
-    return this.fits.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
+    return this.has(this.fits);
+  }
+
+  has(parts) {
+    return parts.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
   }
 
   /** One fetch at a time; what is asked for meanwhile follows as one more. */
@@ -111,7 +130,7 @@ export class Live {
       showNumbers(this.root, summary);
       this.announce(summary.stopping);
     }
-    if (reading) showWords(this.root, reading);
+    if (reading && changed.has("reading")) showWords(this.root, reading);
     this.figures.update(this.data, changed);
   }
 

@@ -171,5 +171,7 @@ fn list(items: impl Iterator<Item = String>) -> String {
 }
 
 fn percent(share: f64) -> String {
-    format!("{:.0} %", share * 100.0)
+    // The bound of 5 % itself must not seem to be reached by rounding.
+    let digits = usize::from(share < 0.1 && share > 0.0);
+    format!("{:.digits$} %", share * 100.0)
 }

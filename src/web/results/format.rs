@@ -21,8 +21,28 @@ pub(super) fn count(value: u64) -> String {
 pub(super) fn decimal(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(
         || NONE.to_owned(),
-        |value| format!("{value:.digits$}").replace('-', "\u{2212}"),
+        |value| {
+            let text = format!("{value:.digits$}");
+            // What is rounded to nothing has no sign.
+            if text.trim_start_matches(['-', '0', '.']).is_empty() {
+                return text.trim_start_matches('-').to_owned();
+            }
+            text.replace('-', "\u{2212}")
+        },
     )
+}
+
+/// A number with three significant digits, for what may be 0.01 as well as 100.
+pub(super) fn significant(value: f64) -> String {
+    let size = value.abs();
+    if size != 0.0 && !(1e-4..1e6).contains(&size) {
+        return format!("{value:.1e}").replace('-', "\u{2212}");
+    }
+    let digits = [(0.01, 5), (0.1, 4), (1.0, 3), (10.0, 2), (100.0, 1)]
+        .into_iter()
+        .find(|(bound, _)| size > 0.0 && size < *bound)
+        .map_or(0, |(_, digits)| digits);
+    decimal(Some(value), digits)
 }
 
 /// A share as a whole percentage.
@@ -76,7 +96,18 @@ mod tests {
         assert_eq!(count(7), "7");
         assert_eq!(count(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(decimal(Some(-1.335), 1), "\u{2212}1.3");
+        assert_eq!(decimal(Some(-0.04), 1), "0.0");
         assert_eq!(decimal(None, 1), "–");
+        for (value, text) in [
+            (0.0, "0"),
+            (0.01234, "0.0123"),
+            (0.5, "0.500"),
+            (3.456, "3.46"),
+            (123.4, "123"),
+        ] {
+            assert_eq!(significant(value), text);
+        }
+        assert_eq!(significant(-2.5e-6), "\u{2212}2.5e\u{2212}6");
         assert_eq!(percent(Some(0.834)), "83 %");
         assert_eq!(mean_sd(Some(-5.7), Some(3.3), 1), "\u{2212}5.7 ± 3.3");
         assert_eq!(mean_sd(None, Some(3.3), 1), "–");

@@ -3,7 +3,7 @@ const minus = "−";
 /** A number with a fixed count of decimals and a real minus sign; "–" when there is none. */
 export function decimal(value, digits = 2) {
   if (value === null || value === undefined) return "–";
-  return value.toFixed(digits).replace("-", minus);
+  return value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1").replace("-", minus);
 }
 
 /** A share as a whole percentage. */

@@ -328,7 +328,7 @@ pub(super) fn bayes(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
 /// Beside a Bayes factor without a table of other priors.
 const NOT_TRIED: &str = "live; no words before other priors were tried";
 
-/// A Bayes factor as people write it: `12 to 1`, `1 to 3.4`, `10^7 to 1`.
+/// A Bayes factor as people write it: `12 to 1`, `1 to 3.4`, `4·10⁷ to 1`.
 fn ratio(ln: f64) -> String {
     let size = ln.abs().exp();
     let size = if size < 10.0 {
@@ -336,13 +336,22 @@ fn ratio(ln: f64) -> String {
     } else if size < 1e4 {
         format!("{size:.0}")
     } else {
-        format!("10^{:.0}", ln.abs() / std::f64::consts::LN_10)
+        let power = (ln.abs() / std::f64::consts::LN_10).floor();
+        let leading = (ln.abs() - power * std::f64::consts::LN_10).exp();
+        format!("{leading:.0}·10{}", superscript(power))
     };
     if ln < 0.0 {
         format!("1 to {size}")
     } else {
         format!("{size} to 1")
     }
+}
+
+fn superscript(power: f64) -> String {
+    let digits = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let written = format!("{power:.0}");
+    let places = written.chars().filter_map(|digit| digit.to_digit(10));
+    places.map(|digit| digits[digit as usize]).collect()
 }
 
 fn in_words(plan: &Compared<'_>, pair: &Pair, factor: &BayesFactor) -> String {
@@ -566,4 +575,22 @@ pub(super) fn disagreement(snapshot: &Snapshot, compared: &[Compared<'_>]) -> St
         plans.join("; "),
         first.disagreement.as_deref().unwrap_or_default()
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ratio;
+
+    #[test]
+    fn bayes_factors_read_as_odds() {
+        for (factor, text) in [
+            (1.0_f64, "1.0 to 1"),
+            (12.4, "12 to 1"),
+            (0.25, "1 to 4.0"),
+            (3.9e5, "4·10⁵ to 1"),
+            (1.0 / 2e12, "1 to 2·10¹²"),
+        ] {
+            assert_eq!(ratio(factor.ln()), text);
+        }
+    }
 }

@@ -7,7 +7,7 @@ use crate::{
     model::{ChoiceModel, ChoiceProblem, Curvature, Parameter},
     study::RewardUnit,
     web::results::{
-        format::{decimal, interval, mean_sd},
+        format::{decimal, interval, significant},
         table::{Align, Table},
     },
 };
@@ -39,10 +39,10 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
         ("Parameter", Align::Words),
         ("Median", Align::Numbers),
         ("5–95 %", Align::Numbers),
-        ("Mean ± sd", Align::Numbers),
-        ("Prior 5–95 %", Align::Numbers),
-        ("Most likely", Align::Numbers),
         ("Contraction", Align::Words),
+        ("Prior 5–95 %", Align::Numbers),
+        ("Mean ± sd", Align::Numbers),
+        ("Most likely", Align::Numbers),
     ]);
     for part in converged(snapshot) {
         let Some(summary) = part.converged().map(|report| &report.summary) else {
@@ -58,20 +58,24 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
                 part.part_label.clone(),
                 part.model.label.to_owned(),
                 symbol(name),
-                decimal(Some(found.q50), 2),
-                interval(Some(found.q5), Some(found.q95), 2),
-                mean_sd(Some(found.mean), Some(found.sd), 2),
-                interval(Some(found.prior_q5), Some(found.prior_q95), 2),
-                decimal(most_likely, 2),
+                significant(found.q50),
+                range(found.q5, found.q95),
                 match found.source {
                     Source::Prior => "the prior: no choice depends on it".to_owned(),
                     Source::Choices if !found.informed => "not informed by this study".to_owned(),
                     Source::Choices => decimal(Some(found.contraction), 2),
                 },
+                range(found.prior_q5, found.prior_q95),
+                format!("{} ± {}", significant(found.mean), significant(found.sd)),
+                most_likely.map_or_else(|| "–".to_owned(), significant),
             ]);
         }
     }
     table
+}
+
+fn range(low: f64, high: f64) -> String {
+    format!("{} to {}", significant(low), significant(high))
 }
 
 pub(super) fn symbol(name: &str) -> String {
