@@ -241,7 +241,7 @@ impl<'a> Sorted<'a> {
         let distance = |index: usize| (self.values[index] - centre).abs();
         while distances.len() < self.values.len() {
             let is_above =
-                below == 0 || above < self.values.len() && !(distance(below - 1) < distance(above));
+                below == 0 || (above < self.values.len() && distance(above) <= distance(below - 1));
             let index = if is_above {
                 above += 1;
                 above - 1

@@ -258,22 +258,19 @@ fn fit_from(
     let accuracy = sampled.accuracy(data, &predictor);
 
     let entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
-        let columns = sampled.draws.columns.iter().zip(&sampled.convergence);
-        let columns = columns.zip(&prior_sorted);
-        let summarise = |(((quantity, values), convergence), prior): (
-            (&(Quantity, Vec<f64>), &Convergence),
-            &Vec<f64>,
-        )| {
-            let summary = parameter_summary(
-                &posterior,
-                *quantity,
-                &sampled.draws.by_chain(values),
-                prior,
-                *convergence,
-            );
-            (quantity.key().to_owned(), summary)
-        };
-        columns.map(summarise).collect()
+        let columns = sampled.draws.columns.iter().enumerate();
+        columns
+            .map(|(index, (quantity, values))| {
+                let summary = parameter_summary(
+                    &posterior,
+                    *quantity,
+                    &sampled.draws.by_chain(values),
+                    &prior_sorted[index],
+                    sampled.convergence[index],
+                );
+                (quantity.key().to_owned(), summary)
+            })
+            .collect()
     };
     let summary = FitSummary {
         model: model.id.to_owned(),

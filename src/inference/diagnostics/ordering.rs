@@ -81,7 +81,7 @@ impl NormalScores {
 
     /// How many draws there are.
     pub(super) fn size(&self) -> usize {
-        (self.scores.len() + 1) / 2
+        self.scores.len().div_ceil(2)
     }
 }
 

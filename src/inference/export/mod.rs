@@ -117,7 +117,7 @@ impl<'a> DrawsExport<'a> {
         let is_kept = options.len() * draws.len() <= MOST_VALUES;
         let mut ln_predicted = vec![Vec::new(); if is_kept { options.len() } else { 0 }];
         let mut lp = Vec::with_capacity(draws.len());
-        for draw in 0..draws.len() {
+        for (draw, tau) in tau.iter().enumerate() {
             let parameters = draws.parameters(draw);
             let ln_p = predictor.ln_probabilities(&parameters);
             let ln_likelihood: f64 = options
@@ -126,7 +126,7 @@ impl<'a> DrawsExport<'a> {
                 .filter(|(option, _)| option.count > 0)
                 .map(|(option, ln_p)| option.count as f64 * ln_p)
                 .sum();
-            lp.push(ln_prior(summary.priors, &parameters, draws.model, tau[draw]) + ln_likelihood);
+            lp.push(ln_prior(summary.priors, &parameters, draws.model, *tau) + ln_likelihood);
             for (column, ln_p) in ln_predicted.iter_mut().zip(ln_p) {
                 column.push(ln_p);
             }
