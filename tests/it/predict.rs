@@ -57,7 +57,7 @@ fn errors_say_what_is_wrong() {
     let good = r#"{"a":[[1,1]],"b":[[1,2]]}"#;
     check_error(
         &with("oracle", "{}", good),
-        "unknown model `oracle`, allowed are noisy_rational, risk_aware",
+        "unknown model `oracle`, allowed are noisy_rational, expected_utility,",
     );
     check_error(
         &with("noisy_rational", "{}", good),
