@@ -24,6 +24,11 @@ export const modelStyles = {
   noisy_rational: { token: "noisy", name: "Noisy Rational", shortName: "Noisy\nRational", dash: "5 3", symbol: "square", filled: false },
 };
 
+/** What a model is called: the page knows the paper's two, the study names its others. */
+export function modelName(summary, model) {
+  return modelStyles[model]?.name ?? summary.models?.find((known) => known.id === model)?.label ?? model;
+}
+
 /** How a step of the ladder looks: the paper's two models as everywhere, all others in ink. */
 export function ladderStyle(model) {
   return modelStyles[model] ?? { token: model === "random" ? "ink-soft" : "ink", symbol: "diamond", filled: model !== "random" };

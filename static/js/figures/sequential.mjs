@@ -1,6 +1,6 @@
 import { planLabel } from "./caption.mjs";
 import { count, decimal, moment, tick } from "./format.mjs";
-import { modelStyles, referenceDash } from "./palette.mjs";
+import { modelName, modelStyles, referenceDash } from "./palette.mjs";
 import { Plot } from "./plot.mjs";
 import { sheet } from "./sheet.mjs";
 
@@ -15,7 +15,7 @@ export const sequential = {
     const panels = [];
     const factors = found.looks.filter((look) => look.ln_bayes_factor !== null);
     if (factors.length > 0) {
-      const [first, second] = found.models.map((model) => nameOf(summary, model));
+      const [first, second] = found.models.map((model) => modelName(summary, model));
       panels.push({
         title: `Bayes factor, ${first} to ${second}`,
         draw: (panelWidth) => drawFactor(factors, found, panelWidth, palette),
@@ -25,7 +25,7 @@ export const sequential = {
     if (widths.length > 0) {
       const { model, quantity } = found.interval;
       panels.push({
-        title: `Width of the 90 % interval of ${symbols[quantity] ?? quantity}, ${nameOf(summary, model)}`,
+        title: `Width of the 90 % interval of ${symbols[quantity] ?? quantity}, ${modelName(summary, model)}`,
         draw: (panelWidth) => drawWidth(widths, found, panelWidth, palette),
       });
     }
@@ -74,15 +74,12 @@ export const sequential = {
   },
 };
 
-function nameOf(summary, model) {
-  return modelStyles[model]?.name ?? summary.models?.find((known) => known.id === model)?.label ?? model;
-}
 
 /** Powers of ten that people read: 1 to 100, 1 to 1, 100 to 1. */
 function odds(ln) {
   const power = Math.round(ln / Math.LN10);
   if (power === 0) return "1";
-  const size = Math.abs(power) > 4 ? `10^${Math.abs(power)}` : count(10 ** Math.abs(power));
+  const size = Math.abs(power) > 4 ? `10${[...String(Math.abs(power))].map((digit) => "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]).join("")}` : count(10 ** Math.abs(power));
   return power > 0 ? size : `1/${size}`;
 }
 

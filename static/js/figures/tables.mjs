@@ -1,6 +1,6 @@
 import { meanSd } from "./accuracy.mjs";
 import { count, decimal, percent } from "./format.mjs";
-import { modelStyles } from "./palette.mjs";
+import { modelName } from "./palette.mjs";
 
 const stateWords = {
   converged: "converged",
@@ -94,7 +94,7 @@ export const tables = {
       const rows = summary.fits.map((fit) => [
         plans.get(fit.plan) ?? fit.plan,
         fit.part,
-        modelStyles[fit.model]?.name ?? fit.model,
+        modelName(summary, fit.model),
         { text: `${stateWords[fit.state] ?? fit.state}${fit.provisional ? ", provisional" : ""}`, state: fit.state },
         decimal(fit.rhat_max, 3),
         fit.ess_min === null ? "–" : count(Math.round(fit.ess_min)),

@@ -2,7 +2,7 @@
 
 use crate::{
     inference::{
-        Estimate,
+        Estimate, Source,
         comparison::{
             BayesFactor, Comparison, EvidenceWords, LEAST_DIFFERENCE, LEAST_UNITS,
             LeaveOneOutDifference, OBSERVED_SHARE, Pair, PriorChange, RANDOM, Unit, Verdict,
@@ -12,8 +12,8 @@ use crate::{
     model::{NOISY_RATIONAL, RISK_AWARE},
     study::{FitPlan, Timestamp},
     web::results::{
-        format::{count, decimal, interval, mean_sd},
-        reading::parameters::symbol,
+        format::{count, decimal, mean_sd},
+        reading::parameters::{range, symbol},
         table::{Align, Table},
     },
 };
@@ -497,14 +497,21 @@ pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table
             continue;
         };
         for (name, found) in resampled.parameters.iter() {
-            let posterior = posterior.get(name);
+            // What is the prior whoever comes has no interval over people.
+            let Some(posterior) = posterior
+                .get(name)
+                .filter(|found| found.source == Source::Choices)
+            else {
+                continue;
+            };
+            let drawn_anew = found.q5.zip(found.q95);
             table.row([
                 part.plan_label.clone(),
                 part.part_label.clone(),
                 part.model.label.to_owned(),
                 symbol(name),
-                interval(posterior.map(|p| p.q5), posterior.map(|p| p.q95), 2),
-                interval(found.q5, found.q95, 2),
+                range(posterior.q5, posterior.q95),
+                drawn_anew.map_or_else(|| "–".to_owned(), |(low, high)| range(low, high)),
             ]);
         }
     }

@@ -74,7 +74,7 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
     table
 }
 
-fn range(low: f64, high: f64) -> String {
+pub(super) fn range(low: f64, high: f64) -> String {
     format!("{} to {}", significant(low), significant(high))
 }
 
