@@ -1,6 +1,5 @@
 //! `riskaware fit`: models fitted to choices in files.
 
-use std::io::{self, Write};
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,10 +13,12 @@ use super::fit_comparison::{compare, write_comparison};
 use super::fit_files::FileArguments;
 use super::fit_source::{Source, SourceArguments};
 use super::fit_table::write_table;
+use super::output::print;
+use super::values::model;
 use crate::clock::Clock;
 use crate::inference::comparison::Comparison;
 use crate::inference::{Fit, FitSettings, FitSummary, Progress, fit};
-use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named};
+use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS};
 
 /// Fits models to choices and prints what they say, as a table or as JSON.
 ///
@@ -129,11 +130,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         arguments.show_unconverged,
         Clock::start().now(),
     )?;
-    match io::stdout().write_all(&text) {
-        // Whoever reads has seen enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        written => written.context("cannot write the result")?,
-    }
+    print(&text)?;
     let unconverged: Vec<&str> = fits
         .iter()
         .filter(|fit| !fit.summary.converged)
@@ -183,8 +180,4 @@ fn with_progress<T>(
     });
     bar.finish_and_clear();
     result
-}
-
-fn model(text: &str) -> Result<&'static ChoiceModel, String> {
-    model_named(text.trim()).map_err(|error| error.to_string())
 }

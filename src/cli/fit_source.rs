@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 
 use super::choice_files::read_problems;
-use crate::inference::{FitSettings, FittedProblem, Prior, Priors, default_reference_reward};
+use super::values::{weighting_floor, with_floor};
+use crate::inference::{FitSettings, FittedProblem, Priors, default_reference_reward};
 use crate::jobs::{changed_priors, fit_settings};
 use crate::study::{self, Study};
 
@@ -119,9 +120,7 @@ pub(super) fn fitted_problems(study: &Study) -> Vec<FittedProblem> {
 
 fn priors(mut priors: Priors, floor: Option<f64>, path: Option<&Path>) -> anyhow::Result<Priors> {
     if let Some(low) = floor {
-        let weighting = Prior::Uniform { low, high: 1.0 };
-        priors.gamma = weighting;
-        priors.delta = weighting;
+        priors = with_floor(priors, low);
     }
     let Some(path) = path else { return Ok(priors) };
     let shown = path.display().to_string();
@@ -134,13 +133,6 @@ fn priors(mut priors: Priors, floor: Option<f64>, path: Option<&Path>) -> anyhow
         );
     }
     Ok(changed_priors(priors, &changes))
-}
-
-fn weighting_floor(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(floor) if (0.0..1.0).contains(&floor) => Ok(floor),
-        _ => Err("allowed is a number from 0 to below 1".to_owned()),
-    }
 }
 
 fn reference_reward(text: &str) -> Result<f64, String> {

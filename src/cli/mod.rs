@@ -10,6 +10,7 @@ mod fit_source;
 mod fit_table;
 mod health;
 mod load;
+mod output;
 mod parallel;
 mod predict;
 mod recover;
@@ -18,6 +19,7 @@ pub mod simulation;
 mod sweep;
 mod sweep_drawing;
 mod sweep_text;
+mod values;
 
 use std::{io::IsTerminal, process::ExitCode};
 

@@ -1,6 +1,5 @@
 //! `riskaware sweep`: the simulated sweeps of models.md, section 9.
 
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail, ensure};
@@ -8,17 +7,17 @@ use rayon::prelude::*;
 
 use super::choice_files::read_problems;
 use super::fit_source::read_study;
+use super::output::print;
 use super::parallel::{pool, progress_bar};
+use super::values::{model, weighting_floor, with_floor};
 use super::{sweep_drawing, sweep_text};
 use crate::inference::sweep::{
     DEFAULT_ANSWERS, DEFAULT_SEEDS, DEFAULT_STEPS, GapSweep, GapSweepReport, Pattern, Score,
     ShareSweep, ShareSweepReport, SimulatedCell, Simulation, Variation,
 };
-use crate::inference::{
-    FitSettings, FittedProblem, Priors, WEIGHTING_FLOOR, default_reference_reward, uninterrupted,
-};
+use crate::inference::{FitSettings, FittedProblem, default_reference_reward, uninterrupted};
 use crate::jobs::{fit_settings, swept_problems};
-use crate::model::{ChoiceModel, PAPER_MODELS, model_named};
+use crate::model::{ChoiceModel, PAPER_MODELS};
 
 /// What stands for "the default" where `--gap` has no value.
 const DEFAULT_GAP: &str = "";
@@ -105,7 +104,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => of_study(arguments)?,
     };
     if let Some(floor) = arguments.weighting_floor {
-        settings.priors = Priors::with_weighting_floor(floor);
+        settings.priors = with_floor(settings.priors, floor);
     }
     let report = match &arguments.gap {
         None => {
@@ -150,11 +149,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         sweep_text::table(&report)
     };
-    match io::stdout().write_all(text.as_bytes()) {
-        // Whoever reads has seen enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.context("cannot write the result"),
-    }
+    print(text.as_bytes())
 }
 
 /// All fits, with a bar on a terminal.
@@ -195,7 +190,6 @@ fn of_file(
     let reference_reward =
         default_reference_reward(&all).with_context(|| format!("{}", path.display()))?;
     let settings = FitSettings {
-        priors: Priors::with_weighting_floor(WEIGHTING_FLOOR),
         reference_reward: Some(reference_reward),
         seed: arguments.seed,
         ..FitSettings::default()
@@ -252,16 +246,5 @@ fn of_study(arguments: &Arguments) -> anyhow::Result<(Vec<FittedProblem>, FitSet
                 known.join(", ")
             )
         }
-    }
-}
-
-fn model(text: &str) -> Result<&'static ChoiceModel, String> {
-    model_named(text.trim()).map_err(|error| error.to_string())
-}
-
-fn weighting_floor(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(floor) if (0.0..1.0).contains(&floor) => Ok(floor),
-        _ => Err("allowed is a number from 0 to below 1".to_owned()),
     }
 }

@@ -4,19 +4,20 @@ mod designs;
 mod figure;
 mod report;
 
-use std::io::{self, Write};
+use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use rayon::prelude::*;
 
 use self::designs::Design;
 use self::figure::{figure, file_name};
 use self::report::{Calibrated, write_json, write_table};
-use super::parallel;
+use super::values::model;
+use super::{output::print, parallel};
 use crate::inference::calibration::{Experiment, RankSet, Replicate, judge};
 use crate::inference::{FitSettings, Prior};
-use crate::model::{ChoiceModel, MODELS, model_named};
+use crate::model::{ChoiceModel, MODELS};
 
 /// Fixed before the first run, and all of them reported: the years of prospect theory, its cumulative form,
 /// simulation-based calibration, the paper, and the bands.
@@ -64,6 +65,11 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    // What comes twice would be counted as if it had been found twice.
+    refuse_repeats("--seeds", &arguments.seeds)?;
+    refuse_repeats("--designs", &arguments.designs)?;
+    let models: Vec<&str> = arguments.models.iter().map(|model| model.id).collect();
+    refuse_repeats("--models", &models)?;
     let mut experiments = Vec::new();
     for &design in &arguments.designs {
         for &model in &arguments.models {
@@ -144,11 +150,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         write_table(&mut text, &calibrated, &judgement)?;
     }
-    match io::stdout().write_all(&text) {
-        // Whoever reads has seen enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        written => written.context("cannot write the result")?,
-    }
+    print(&text)?;
     if !judgement.is_calibrated {
         bail!(
             "the fits are not calibrated: the smallest of {} corrected p-values is {:.2e}",
@@ -198,13 +200,19 @@ fn first_stream(design: Design, model: &ChoiceModel) -> u64 {
     ((design as u64) << 48) + ((place.unwrap_or(MODELS.len()) as u64) << 32)
 }
 
+fn refuse_repeats<T: PartialEq + fmt::Debug>(option: &str, values: &[T]) -> anyhow::Result<()> {
+    for (place, value) in values.iter().enumerate() {
+        ensure!(
+            !values[..place].contains(value),
+            "{option} has {value:?} twice, allowed is each once"
+        );
+    }
+    Ok(())
+}
+
 fn unconverged(replicates: &[Replicate]) -> usize {
     replicates
         .iter()
         .filter(|replicate| !replicate.converged)
         .count()
-}
-
-fn model(text: &str) -> Result<&'static ChoiceModel, String> {
-    model_named(text.trim()).map_err(|error| error.to_string())
 }

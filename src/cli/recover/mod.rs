@@ -2,17 +2,16 @@
 
 mod report;
 
-use std::io::{self, Write};
-
 use anyhow::{Context, bail, ensure};
 use rayon::prelude::*;
 
 use self::report::{Report, write_table};
 use super::fit_source::{Source, SourceArguments};
-use super::parallel;
+use super::values::model;
+use super::{output::print, parallel};
 use crate::inference::recovery::{Recovery, Replicate, Scenario, Truth};
 use crate::inference::{FitSettings, Quantity};
-use crate::model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE, model_named};
+use crate::model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE};
 
 /// Simulates studies of several sizes, fits two models to each, and tells how well parameters are recovered and how
 /// often the right model wins, each figure with its Monte-Carlo error.
@@ -98,11 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     } else {
         write_table(&mut text, &report)?;
     }
-    match io::stdout().write_all(&text) {
-        // Whoever reads has seen enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        written => written.context("cannot write the result"),
-    }
+    print(&text)
 }
 
 /// All studies of all sizes, the smallest first as they were given.
@@ -138,9 +133,15 @@ fn truth(model: &ChoiceModel, parameters: &[(String, f64)]) -> anyhow::Result<Tr
     let entries = parameters
         .iter()
         .map(|(name, value)| (name.as_str(), *value));
-    Ok(Truth::Known(
-        model.parameters_from(entries).context("--parameter")?,
-    ))
+    let known = model.parameters_from(entries).context("--parameter")?;
+    for (name, value) in parameters {
+        // Their bias is measured on the logarithm.
+        ensure!(
+            *value > 0.0,
+            "--parameter {name} is {value}, allowed here is above 0"
+        );
+    }
+    Ok(Truth::Known(known))
 }
 
 fn parameter(text: &str) -> Result<(String, f64), String> {
@@ -152,8 +153,4 @@ fn parameter(text: &str) -> Result<(String, f64), String> {
 
 fn quantity(text: &str) -> Result<Quantity, String> {
     Quantity::try_from(text.trim().to_owned())
-}
-
-fn model(text: &str) -> Result<&'static ChoiceModel, String> {
-    model_named(text.trim()).map_err(|error| error.to_string())
 }
