@@ -183,14 +183,14 @@ impl Evidence {
                             ..
                         }) => {
                             tracing::error!(study = %id, n, %error, "a look at the first people failed");
-                            continue;
+                            return self.give_up(new).await;
                         }
                         Ok(Done {
                             result: Err(message),
                             ..
                         }) => {
                             tracing::error!(study = %id, n, message, "a look at the first people failed");
-                            continue;
+                            return self.give_up(new).await;
                         }
                     };
                     new.checkpoints.push(Checkpoint {
@@ -222,6 +222,15 @@ impl Evidence {
         }
         self.looked.insert(id.clone(), people);
         Ok(true)
+    }
+
+    /// Ends at a look that failed: no later one may announce that a rule was reached first there. It is tried again with
+    /// the next change.
+    async fn give_up(&self, mut made: NewCheckpoints) -> Result<bool, store::Error> {
+        if !made.checkpoints.is_empty() {
+            self.save(&mut made).await?;
+        }
+        Ok(false)
     }
 
     async fn save(&self, new: &mut NewCheckpoints) -> Result<(), store::Error> {
@@ -338,7 +347,7 @@ impl Evidence {
                     Ok(change) => {
                         if change.study == study
                             && change.population == population
-                            && change.data_version != data_version
+                            && change.data_version > data_version
                         {
                             cancel.cancel();
                         }

@@ -82,11 +82,10 @@ fn processor_us() -> u64 {
     u64::try_from(micros).unwrap_or(0)
 }
 
+/// What is told of a panic: its text is for the log, pages show what is returned.
 fn panic_message(panic: &(dyn Any + Send)) -> String {
-    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    format!(
-        "the program has a fault: {}",
-        text.unwrap_or_else(|| "no message".to_owned())
-    )
+    let text = panic.downcast_ref::<&str>().copied();
+    let text = text.or_else(|| panic.downcast_ref::<String>().map(String::as_str));
+    tracing::error!(text, "the program has a fault");
+    "the program has a fault, which its log tells".to_owned()
 }

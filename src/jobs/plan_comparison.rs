@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    Snapshot,
-    fit_input::{comparison_seed, fit_settings, hash_of},
+    Snapshot, StudyCounts,
+    fit_input::{FitInput, comparison_seed, fit_settings, hash_of},
 };
 use crate::{
     inference::{
@@ -83,19 +83,34 @@ impl PlanComparison {
         kept.chain(new.iter().cloned()).collect()
     }
 
-    /// The same, as it stands to the answers that there are now.
-    pub(super) fn beside(&self, fits_hash: &str) -> Self {
-        Self {
-            is_behind: !self.input_hash.starts_with(fits_hash),
+    /// The same, as it stands to the answers that there are now; none if it is one of other problems, models or priors,
+    /// or if nobody's answers are left.
+    pub(super) fn beside(&self, snapshot: &Snapshot) -> Option<Self> {
+        let plans = snapshot.study.plans();
+        let plan = plans.iter().find(|plan| plan.id == self.plan)?;
+        let mut fitted = snapshot.fits.iter().filter(|part| part.plan == plan.id);
+        let is_of_this = self
+            .input_hash
+            .starts_with(&settings_hash(&snapshot.study, plan))
+            && fitted.any(|part| part.input.data.n() > 0);
+        is_of_this.then(|| Self {
+            is_behind: !self.input_hash.starts_with(&fits_hash(snapshot, plan)),
             ..self.clone()
-        }
+        })
     }
 }
 
-/// Of all fits of a plan: it moves with every answer that counts there.
-pub(super) fn fits_hash(snapshot: &Snapshot, plan: &PlanId) -> String {
-    let of_plan = snapshot.fits.iter().filter(|part| part.plan == *plan);
-    hash_of(of_plan.map(|part| part.input.hash.as_str()))
+/// Of everything that a plan's fits depend on but the answers.
+fn settings_hash(study: &Study, plan: &FitPlan) -> String {
+    let nobody = FitInput::of_plan(study, plan, study.models(), &StudyCounts::new(study, &[]));
+    hash_of(nobody.iter().map(|input| input.hash.as_str()))
+}
+
+/// The same with all fits of a plan: it moves with every answer that counts there.
+fn fits_hash(snapshot: &Snapshot, plan: &FitPlan) -> String {
+    let of_plan = snapshot.fits.iter().filter(|part| part.plan == plan.id);
+    let fits = hash_of(of_plan.map(|part| part.input.hash.as_str()));
+    format!("{}-{fits}", settings_hash(&snapshot.study, plan))
 }
 
 /// What is stored of a comparison.
@@ -244,7 +259,7 @@ impl ComparisonInput {
             .collect();
         let answers = hash_of(texts.iter().map(String::as_str));
         Some(Self {
-            hash: format!("{}-{answers}", fits_hash(snapshot, &plan.id)),
+            hash: format!("{}-{answers}", fits_hash(snapshot, plan)),
             data: PlanData::new(&data, Unit::Participant, parts.collect()).ok()?,
             models: study.models().to_vec(),
             settings: fit_settings(study, comparison_seed(study.id(), &plan.id)),

@@ -182,14 +182,16 @@ impl Refits {
                 turn,
                 dues,
             };
-            let (of_live, of_cold) = self.due(&snapshot, now);
+            let (mut of_live, of_cold) = self.due(&snapshot, now);
+            // A round may end early: the oldest first, or the last plan would wait for a pause.
+            of_live.sort_by_key(Due::urgency);
             if !of_live.is_empty() && live.as_ref().is_none_or(|other| turn < other.turn) {
                 live = Some(round(of_live));
             }
             if let Some(first) = of_cold.into_iter().min_by_key(Due::urgency) {
                 let is_sooner = |other: &Round| {
-                    let other = (other.dues[0].urgency(), other.turn);
-                    (first.urgency(), turn) < other
+                    let other = (other.turn, other.dues[0].urgency());
+                    (turn, first.urgency()) < other
                 };
                 if cold.as_ref().is_none_or(is_sooner) {
                     cold = Some(round(vec![first]));
@@ -463,6 +465,8 @@ struct Failures(HashMap<String, Instant>);
 impl Failures {
     /// Lets an input rest, longer after each attempt; whether it failed for the first time.
     fn note(&mut self, hash: &str, attempts: u32, now: Instant) -> bool {
+        // An input that rests no more has been replaced by newer answers, or will be noted again.
+        self.0.retain(|known, until| known == hash || *until > now);
         let pause = RETRY_PAUSE * 4_u32.pow(attempts.clamp(1, MAX_ATTEMPTS) - 1);
         self.0.insert(hash.to_owned(), now + pause).is_none()
     }

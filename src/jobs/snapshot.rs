@@ -10,7 +10,7 @@ use super::{
     fit_input::FitInput,
     known_fits::{KnownFit, KnownFits},
     looks::{Looks, RuleText, SequentialEvidence},
-    plan_comparison::{PlanComparison, fits_hash},
+    plan_comparison::PlanComparison,
     snapshot_cache::fresh,
 };
 use crate::{
@@ -194,7 +194,7 @@ impl Snapshot {
             let mut snapshot = Self::new(study, population, state, people, &counts, known);
             snapshot.comparisons = compared
                 .iter()
-                .map(|known| known.beside(&fits_hash(&snapshot, &known.plan)))
+                .filter_map(|known| known.beside(&snapshot))
                 .collect();
             snapshot.sequential = Looks::new(&snapshot.study)
                 .map(|made| made.evidence(people.completed, &looks, reached));
@@ -259,16 +259,29 @@ impl Snapshot {
     }
 
     /// ln of the Bayes factor of one model against another on a plan, from the fits as they are: live, while a
-    /// [`comparison`](Self::comparison) waits until they are final. None while a part has no converged fit of both.
+    /// [`comparison`](Self::comparison) waits until they are final. None while a part has no converged fits of both to
+    /// the same answers.
     pub fn ln_bayes_factor(&self, plan: &PlanId, first: &str, second: &str) -> Option<Estimate> {
-        let of = |model: &str| -> Option<Vec<_>> {
+        let of = |model: &str| -> Option<Vec<&FitReport>> {
             let parts = self.fits.iter();
             parts
                 .filter(|part| part.plan == *plan && part.model.id == model)
-                .map(|part| Some(&part.converged()?.summary))
+                .map(PartFit::converged)
                 .collect()
         };
-        sequential::ln_bayes_factor(of(first)?, of(second)?)
+        let (first, second) = (of(first)?, of(second)?);
+        // Fits arrive one by one, and the evidence of other answers makes no ratio.
+        let of_the_same = first
+            .iter()
+            .zip(&second)
+            .all(|(first, second)| first.counts == second.counts);
+        if !of_the_same {
+            return None;
+        }
+        sequential::ln_bayes_factor(
+            first.iter().map(|report| &report.summary),
+            second.iter().map(|report| &report.summary),
+        )
     }
 
     /// The hypothesis of the paper that the study is about: those of the studies that come with the program.

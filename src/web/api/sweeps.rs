@@ -41,7 +41,7 @@ pub(super) async fn gap(
     Path(study): Path<StudyId>,
     Query(query): Query<GapQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let wanted = Wanted::gap(&snapshot, &query)?;
     let state = sweeps.ask(&wanted.input);
     Ok(answer(wanted.answer(&snapshot.study, state)?))

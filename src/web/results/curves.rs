@@ -126,10 +126,7 @@ impl Curves {
         Self {
             data_version: snapshot.version.data_version,
             fit_version: snapshot.version.fit_version,
-            fitted_version: fits
-                .iter()
-                .filter_map(|part| Some(part.fit.as_ref()?.data_version))
-                .max(),
+            fitted_version: fitted_version(snapshot, &fits),
             draws: first.filter(|first| draws.all(|other| other == *first)),
             at: fits
                 .iter()
@@ -208,6 +205,15 @@ fn series(curve: &Curve) -> Series {
 /// A number with five significant digits: finer than any drawing, and a third of the text. Draws have all digits.
 fn short(number: f64) -> f64 {
     format!("{number:.4e}").parse().unwrap_or(number)
+}
+
+/// Up to which data version the curves hold every answer that concerns them: the present one, unless a fit is behind.
+fn fitted_version(snapshot: &Snapshot, fits: &[&PartFit]) -> Option<i64> {
+    let behind = fits.iter().filter(|part| part.is_behind);
+    behind
+        .map(|part| Some(part.fit.as_ref()?.data_version))
+        .min()
+        .unwrap_or(Some(snapshot.version.data_version))
 }
 
 #[cfg(test)]

@@ -178,7 +178,8 @@ async fn sweep(
     query: Result<Query<PageQuery>, QueryRejection>,
 ) -> Result<Response, Error> {
     let Query(query) = query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
-    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    // The page also draws what this study's people chose.
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
     let n = query.n.unwrap_or(DEFAULT_ANSWERS);
     let wanted = ShareQuery {
         cell: query.cell.clone(),

@@ -283,7 +283,7 @@ fn estimate(found: Option<&Estimate>) -> String {
     )
 }
 
-/// Bayes factors: those of the comparison, live ones where a plan was not compared yet.
+/// Bayes factors: those of the comparison, live ones where a plan was not compared since the last answer.
 pub(super) fn bayes(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
     let mut table = Table::new(&[
         ("Fit", Align::Words),
@@ -293,7 +293,10 @@ pub(super) fn bayes(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
         ("In words", Align::Prose),
     ]);
     for plan in snapshot.study.plans() {
-        if let Some(found) = compared.iter().find(|found| plan.id == *found.plan) {
+        let newest = compared
+            .iter()
+            .find(|found| plan.id == *found.plan && !found.is_behind);
+        if let Some(found) = newest {
             for pair in &found.comparison.pairs {
                 if let Some(factor) = &pair.bayes_factor {
                     table.row([
@@ -482,7 +485,11 @@ pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table
         ("People drawn anew, 5–95 %", Align::Numbers),
     ]);
     for part in &snapshot.fits {
-        let Some(plan) = compared.iter().find(|plan| part.plan == *plan.plan) else {
+        // Beside a posterior of newer answers it would say nothing.
+        let newest = compared
+            .iter()
+            .find(|plan| part.plan == *plan.plan && !plan.is_behind);
+        let Some(plan) = newest else {
             continue;
         };
         let resampled = plan
