@@ -493,15 +493,21 @@ impl Sampled {
                 q95: quantile(&values, 0.95),
             }
         };
-        let of_problem = |(index, problem): (usize, &FittedProblem)| {
-            let columns = &self.ln_predicted[predictor.range(index)];
+        let mut shares: Vec<Vec<PredictedShare>> = Vec::with_capacity(data.problems().len());
+        for problem in 0..data.problems().len() {
+            let same = predictor.same_as(problem);
+            shares.push(if same < problem {
+                shares[same].clone()
+            } else {
+                let columns = &self.ln_predicted[predictor.range(problem)];
+                columns.iter().map(share).collect()
+            });
+        }
+        let of_problem = |(problem, shares): (&FittedProblem, Vec<PredictedShare>)| {
             let names = problem.problem.names().map(str::to_owned);
-            (
-                problem.id.clone(),
-                names.zip(columns.iter().map(share)).collect(),
-            )
+            (problem.id.clone(), names.zip(shares).collect())
         };
-        data.problems().iter().enumerate().map(of_problem).collect()
+        data.problems().iter().zip(shares).map(of_problem).collect()
     }
 
     pub(super) fn diagnostics(&self, data: &ChoiceData) -> Diagnostics {
