@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, mean, quantile, variance};
 use super::likelihood::Predictor;
-use super::maximum_likelihood::{maximum_likelihood, posterior_mode};
+use super::maximum_likelihood::Optima;
 use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
@@ -132,6 +132,7 @@ pub struct WarmStart {
     /// They depend on model, settings and problems alone.
     prior_draws: Draws,
     prior_sorted: Vec<Vec<f64>>,
+    optima: Optima,
 }
 
 impl WarmStart {
@@ -149,7 +150,8 @@ impl WarmStart {
 /// Fits a model to choices that changed since an earlier fit, starting where that one ended.
 ///
 /// A warm fit is marked as [`provisional`](FitSummary::provisional): its draws are from the same posterior as a cold
-/// fit's, but depend on the fits before. Where the model, the problems or the settings differ, or where the
+/// fit's, but depend on the fits before; the mode and the highest likelihood are climbed to from those of the earlier
+/// fit and from the best draws only. Where the model, the problems or the settings differ, or where the
 /// warm chains do not converge, it is a cold fit and not provisional.
 ///
 /// # Errors
@@ -175,7 +177,7 @@ pub enum Progress {
         /// Which round.
         round: u32,
     },
-    /// The highest likelihood is looked for.
+    /// Convergence is settled; the evidence and the highest likelihood are looked for.
     Climbing,
 }
 
@@ -235,16 +237,25 @@ fn fit_from(
         None => None,
     };
     let provisional = warm.is_some();
-    let sampled = match warm {
-        Some(sampled) => sampled,
-        None if is_fixed => sampling.prior(),
-        None => sampling.cold(watch)?,
+    let judged = match warm {
+        Some(judged) => Some(judged),
+        None if is_fixed => None,
+        None => Some(sampling.cold(watch)?),
     };
+    // Whether the draws may be used is known from here on; the rest is read off them.
     if watch(Progress::Climbing).is_break() {
         return Err(FitError::Stopped);
     }
-    let highest = maximum_likelihood(model, &mut posterior, &sampled.points);
-    let mode = posterior_mode(&mut posterior, &sampled.points).map(|mode| {
+    let sampled = match judged {
+        Some(judged) => sampling.finish(judged),
+        None => sampling.prior(),
+    };
+    let optima = match previous.filter(|_| provisional) {
+        Some(previous) => Optima::near(&mut posterior, &previous.optima, &sampled.points),
+        None => Optima::anywhere(&mut posterior, &sampled.points.points()),
+    };
+    let highest = optima.maximum_likelihood(model, &mut posterior);
+    let mode = optima.mode.as_ref().map(|mode| {
         let point = posterior.point(&mode.position);
         let moved = posterior.moved().iter();
         moved
@@ -327,6 +338,7 @@ fn fit_from(
             warm: sampled.warm.filter(|_| sampled.converged),
             prior_draws,
             prior_sorted,
+            optima,
         },
     };
     annotate(&mut fitted, data);

@@ -354,7 +354,12 @@ impl Predictor {
     ) {
         let theta = &parameters[Parameter::Theta as usize];
         let utilities = self.table.utilities(parameters);
-        for pair in self.ends.windows(2) {
+        for (problem, pair) in self.ends.windows(2).enumerate() {
+            let same = self.same[problem];
+            if same < problem {
+                ln_probabilities.copy_within(self.ends[same]..self.ends[same + 1], pair[0]);
+                continue;
+            }
             let prospects = &self.prospects[pair[0]..pair[1]];
             let results = &mut ln_probabilities[pair[0]..pair[1]];
             let (highest, _) = extremes(utilities, prospects);

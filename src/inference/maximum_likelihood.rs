@@ -2,7 +2,7 @@
 
 use super::optimum::{Optimum, maximise};
 use super::posterior::Posterior;
-use super::sampler::LogDensity;
+use super::sampler::{BLOCK, Cloud, LogDensity};
 use crate::model::{ChoiceModel, Parameter, Parameters};
 
 /// How many of the likeliest points of each kind are climbed from.
@@ -13,6 +13,9 @@ const SPREAD_POINTS: usize = 400;
 
 /// Smallest exponent tried: below it decision weights vanish anyway.
 const SMALLEST_EXPONENT: f64 = 1e-3;
+
+/// Edge of the simplex at the start of a climb.
+const STEP: f64 = 0.3;
 
 /// ln L may lose this much to an end of a range that is reported exactly.
 const SNAP_LOSS: f64 = 1e-9;
@@ -26,23 +29,86 @@ pub struct MaximumLikelihood {
     pub parameters: Vec<(Parameter, f64)>,
 }
 
+/// The highest points of the likelihood and of the posterior, where a fit of some more choices may look again.
+#[derive(Debug, Clone)]
+pub(super) struct Optima {
+    /// Of the likelihood, on the coordinates of the climb; nothing where no parameter moves.
+    likelihood: Option<Optimum>,
+    /// Of the posterior density, on the sampler's coordinates.
+    pub(super) mode: Option<Optimum>,
+}
+
+impl Optima {
+    /// Climbs from the best of `points` (positions of the posterior) and from a spread over the whole range.
+    pub(super) fn anywhere(posterior: &mut Posterior, points: &[Vec<f64>]) -> Self {
+        if posterior.dimension() == 0 {
+            return Self {
+                likelihood: None,
+                mode: None,
+            };
+        }
+        Self {
+            likelihood: Some(highest_likelihood(posterior, points)),
+            mode: posterior_mode(posterior, points),
+        }
+    }
+
+    /// Climbs from the optima of an earlier fit with the same coordinates and from the best of `points`.
+    pub(super) fn near(posterior: &mut Posterior, earlier: &Self, points: &Cloud) -> Self {
+        let moved = posterior.moved().to_vec();
+        let (likeliest, densest) = best_points(posterior, points);
+        let mut starts = vec![coordinates(&moved, posterior, &likeliest)];
+        starts.extend(earlier.likelihood.iter().map(|best| best.position.clone()));
+        let likelihood = climb_likelihood(posterior, &moved, &starts);
+        let mut starts = vec![densest];
+        starts.extend(earlier.mode.iter().map(|best| best.position.clone()));
+        let mut density = |position: &[f64]| posterior.ln_density(position);
+        Self {
+            likelihood: Some(likelihood),
+            mode: Some(maximise(&mut density, &starts, STEP)),
+        }
+    }
+
+    /// The parameters where the likelihood is highest.
+    pub(super) fn maximum_likelihood(
+        &self,
+        model: &'static ChoiceModel,
+        posterior: &mut Posterior,
+    ) -> MaximumLikelihood {
+        match &self.likelihood {
+            Some(best) => snapped(model, posterior, best),
+            None => MaximumLikelihood {
+                ln_likelihood: posterior.ln_likelihood_at_random(),
+                parameters: Vec::new(),
+            },
+        }
+    }
+}
+
+/// The points with the highest likelihood and with the highest posterior density.
+fn best_points(posterior: &mut Posterior, points: &Cloud) -> (Vec<f64>, Vec<f64>) {
+    let mut best = [(f64::NEG_INFINITY, 0); 2];
+    for start in (0..points.len()).step_by(BLOCK) {
+        let positions = points.block::<BLOCK>(start);
+        let densities = posterior.evaluate(&positions);
+        let lanes = densities.likelihood.iter().zip(densities.posterior());
+        for (lane, (likelihood, density)) in lanes.enumerate() {
+            for (best, value) in best.iter_mut().zip([*likelihood, density]) {
+                if value > best.0 {
+                    *best = (value, (start + lane).min(points.len() - 1));
+                }
+            }
+        }
+    }
+    (points.point(best[0].1), points.point(best[1].1))
+}
+
 /// Climbs from the likeliest of `points` (positions of the posterior) and of a spread over the whole range.
 ///
 /// Bounded parameters are climbed on as sin² of a coordinate, so that a bound is a place like any other; sensitivity
 /// on ln τ + the posterior's funnel, along which the likelihood has no ridge.
-pub(super) fn maximum_likelihood(
-    model: &'static ChoiceModel,
-    posterior: &mut Posterior,
-    points: &[Vec<f64>],
-) -> MaximumLikelihood {
+fn highest_likelihood(posterior: &mut Posterior, points: &[Vec<f64>]) -> Optimum {
     let moved = posterior.moved().to_vec();
-    let at_random = posterior.ln_likelihood_at_random();
-    if moved.is_empty() {
-        return MaximumLikelihood {
-            ln_likelihood: at_random,
-            parameters: Vec::new(),
-        };
-    }
     let mut candidates: Vec<Vec<f64>> = points
         .iter()
         .map(|position| coordinates(&moved, posterior, position))
@@ -54,16 +120,32 @@ pub(super) fn maximum_likelihood(
         .map(|index| spread_point(&moved, golden, index))
         .collect();
     let from_spread = likeliest(&mut spread, &moved, posterior);
+    let starts: Vec<Vec<f64>> = from_posterior.into_iter().chain(from_spread).collect();
+    climb_likelihood(posterior, &moved, &starts)
+}
 
+/// The highest likelihood found from any of the starts, which are on the coordinates of the climb.
+fn climb_likelihood(
+    posterior: &mut Posterior,
+    moved: &[Parameter],
+    starts: &[Vec<f64>],
+) -> Optimum {
     let mut function = |position: &[f64]| {
-        let parameters = parameters(&moved, posterior, position);
+        let parameters = parameters(moved, posterior, position);
         posterior.ln_likelihood(&parameters)
     };
-    let starts: Vec<Vec<f64>> = from_posterior.into_iter().chain(from_spread).collect();
-    let Optimum { position, value } = maximise(&mut function, &starts, 0.3);
-    let mut best = parameters(&moved, posterior, &position);
-    let mut ln_likelihood = value;
-    // What lies at a bound is reported there, not next to it.
+    maximise(&mut function, starts, STEP)
+}
+
+/// The maximum, with what lies at a bound reported there and not next to it.
+fn snapped(
+    model: &'static ChoiceModel,
+    posterior: &mut Posterior,
+    best: &Optimum,
+) -> MaximumLikelihood {
+    let moved = posterior.moved().to_vec();
+    let mut ln_likelihood = best.value;
+    let mut best = parameters(&moved, posterior, &best.position);
     for parameter in Parameter::ALL {
         let end = match parameter {
             Parameter::Theta | Parameter::Lambda => 0.0,
@@ -188,7 +270,7 @@ fn spread_point(moved: &[Parameter], golden: f64, index: usize) -> Vec<f64> {
 }
 
 /// The highest point of the posterior density on the sampler's coordinates, from the best of `points`.
-pub(super) fn posterior_mode(posterior: &mut Posterior, points: &[Vec<f64>]) -> Option<Optimum> {
+fn posterior_mode(posterior: &mut Posterior, points: &[Vec<f64>]) -> Option<Optimum> {
     let mut rated: Vec<(f64, &Vec<f64>)> = points
         .iter()
         .map(|point| (posterior.ln_density(point), point))
@@ -205,6 +287,6 @@ pub(super) fn posterior_mode(posterior: &mut Posterior, points: &[Vec<f64>]) -> 
     Some(maximise(
         &mut |position| posterior.ln_density(position),
         &starts,
-        0.3,
+        STEP,
     ))
 }

@@ -1,6 +1,8 @@
 //! Draws from a posterior until they can be trusted, and what is read off them.
 
+use std::collections::HashSet;
 use std::ops::{ControlFlow, Range};
+use std::sync::Arc;
 
 use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
@@ -54,6 +56,19 @@ pub(super) struct Warm {
     steps: usize,
     /// Share of proposals accepted when the proposal was fitted.
     acceptance: f64,
+    /// They depend on the number of draws alone.
+    scores: Arc<NormalScores>,
+}
+
+/// Draws whose convergence was judged, with what [`Sampling::finish`] needs to add the rest.
+pub(super) struct Judged {
+    sampled: Sampled,
+    chains: Chains,
+    proposal: Proposal,
+    steps: usize,
+    /// The acceptance when the proposal was fitted, if that was not for these chains.
+    fitted: Option<f64>,
+    scores: Arc<NormalScores>,
 }
 
 /// Draws with all that is read off them.
@@ -70,8 +85,8 @@ pub(super) struct Sampled {
     pub(super) steps_per_draw: usize,
     pub(super) acceptance: Option<f64>,
     pub(super) ln_evidence: Option<Estimate>,
-    /// Positions to climb from.
-    pub(super) points: Vec<Vec<f64>>,
+    /// Positions to climb from, spread over the draws.
+    pub(super) points: Cloud,
     /// Nothing if no parameter moves.
     pub(super) warm: Option<Warm>,
 }
@@ -89,8 +104,9 @@ impl Sampling<'_> {
     pub(super) fn cold(
         &mut self,
         watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-    ) -> Result<Sampled, FitError> {
+    ) -> Result<Judged, FitError> {
         let seed = self.settings.seed;
+        let scores = Arc::new(self.scores());
         let mut warming: Box<Watch<'_>> = Box::new(|| watch(Progress::WarmingUp));
         let warm = warm_up(self.posterior, seed, &mut warming)?;
         let mut rng = random_stream(seed, ADAPTATION_STREAM);
@@ -108,8 +124,16 @@ impl Sampling<'_> {
             round += 1;
             let chains = self.run(&proposal, &starts, steps, round, watch)?;
             let satisfies = chains.acceptance >= LOW_ACCEPTANCE;
-            if let Some(sampled) = self.read(&chains, round, satisfies, round == MAX_ROUNDS) {
-                return Ok(self.finish(sampled, &chains, proposal, steps, None));
+            let is_last = round == MAX_ROUNDS;
+            if let Some(sampled) = self.read(&chains, &scores, round, satisfies, is_last) {
+                return Ok(Judged {
+                    sampled,
+                    chains,
+                    proposal,
+                    steps,
+                    fitted: None,
+                    scores,
+                });
             }
             // Warm-up points stay in: chains that miss a mode must not teach the proposal to miss it too.
             let mut points = warm.points.clone();
@@ -129,7 +153,8 @@ impl Sampling<'_> {
         &mut self,
         earlier: &Warm,
         watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-    ) -> Result<Option<Sampled>, FitError> {
+    ) -> Result<Option<Judged>, FitError> {
+        let scores = Arc::clone(&earlier.scores);
         let stride = (earlier.points.len() / self.settings.chains).max(1);
         let start = |chain: usize| earlier.points.point(chain * stride % earlier.points.len());
         let mut starts: Vec<Vec<f64>> = (0..self.settings.chains).map(start).collect();
@@ -139,8 +164,15 @@ impl Sampling<'_> {
         for round in 1..=WARM_ROUNDS {
             let chains = self.run(&proposal, &starts, steps, round, watch)?;
             let satisfies = chains.acceptance >= WARM_ACCEPTANCE;
-            if let Some(sampled) = self.read(&chains, round, satisfies, false) {
-                return Ok(Some(self.finish(sampled, &chains, proposal, steps, fitted)));
+            if let Some(sampled) = self.read(&chains, &scores, round, satisfies, false) {
+                return Ok(Some(Judged {
+                    sampled,
+                    chains,
+                    proposal,
+                    steps,
+                    fitted,
+                    scores,
+                }));
             }
             if satisfies {
                 steps *= 2;
@@ -155,6 +187,11 @@ impl Sampling<'_> {
             starts = chains.ends();
         }
         Ok(None)
+    }
+
+    /// The scores of ranks among as many draws as half chains have.
+    fn scores(&self) -> NormalScores {
+        NormalScores::new(self.settings.chains * (self.settings.draws / 2 * 2))
     }
 
     fn run(
@@ -185,6 +222,7 @@ impl Sampling<'_> {
     fn read(
         &mut self,
         chains: &Chains,
+        scores: &NormalScores,
         round: u32,
         satisfies: bool,
         is_last: bool,
@@ -194,20 +232,26 @@ impl Sampling<'_> {
         }
         let mut rng = random_stream(self.settings.seed, INERT_STREAM + u64::from(round));
         let draws = self.posterior.draws(chains, &mut rng);
-        Sampled::of(draws, self.predictor, self.data, self.settings, is_last)
+        Sampled::of(
+            draws,
+            scores,
+            self.predictor,
+            self.data,
+            self.settings,
+            is_last,
+        )
     }
 
-    /// Adds what needs the chains and the proposal.
-    ///
-    /// * `fitted`: the acceptance when the proposal was fitted, if that was not for these chains.
-    fn finish(
-        &mut self,
-        mut sampled: Sampled,
-        chains: &Chains,
-        mut proposal: Proposal,
-        steps: usize,
-        fitted: Option<f64>,
-    ) -> Sampled {
+    /// Adds what no statement about convergence needs: the evidence, and what the next fit starts from.
+    pub(super) fn finish(&mut self, judged: Judged) -> Sampled {
+        let Judged {
+            mut sampled,
+            chains,
+            mut proposal,
+            steps,
+            fitted,
+            scores,
+        } = judged;
         let mut rng = random_stream(self.settings.seed, EVIDENCE_STREAM);
         let draws = self.settings.chains * self.settings.draws;
         let (value, se) = ln_evidence(self.posterior, &proposal, draws, &mut rng);
@@ -216,7 +260,7 @@ impl Sampling<'_> {
         sampled.steps_per_draw = steps;
         sampled.acceptance = Some(chains.acceptance);
         let points = chains.thinned(REFIT_POINTS);
-        sampled.points = points.points();
+        sampled.points = points.clone();
         let mut acceptance = fitted.unwrap_or(chains.acceptance);
         if chains.acceptance < WORN_SHARE * acceptance {
             proposal = proposal.refit(&points, WARM_FIT_ROUNDS);
@@ -227,6 +271,7 @@ impl Sampling<'_> {
             points,
             steps,
             acceptance,
+            scores,
         });
         sampled
     }
@@ -240,7 +285,7 @@ impl Sampling<'_> {
             acceptance: 1.0,
         };
         let mut sampled = self
-            .read(&chains, 0, true, true)
+            .read(&chains, &self.scores(), 0, true, true)
             .expect("what is last is read");
         // Nothing depends on the parameters, the likelihood least of all.
         sampled.ln_evidence = Some(Estimate {
@@ -289,15 +334,15 @@ impl Sampled {
     /// What draws say; nothing if they have not converged, unless they are the last.
     fn of(
         draws: Draws,
+        scores: &NormalScores,
         predictor: &mut Predictor,
         data: &ChoiceData,
         settings: &FitSettings,
         is_last: bool,
     ) -> Option<Self> {
-        let scores = NormalScores::new(draws.chains * (draws.per_chain / 2 * 2));
         let mut convergence = Vec::with_capacity(draws.columns.len());
         for (_, values) in &draws.columns {
-            let found = Convergence::with(&scores, &draws.by_chain(values));
+            let found = Convergence::with(scores, &draws.by_chain(values));
             if !found.is_converged() && !is_last {
                 return None;
             }
@@ -314,7 +359,7 @@ impl Sampled {
             steps_per_draw: 1,
             acceptance: None,
             ln_evidence: None,
-            points: Vec::new(),
+            points: Cloud::new(Vec::new()),
             warm: None,
         };
         for problem in 0..data.problems().len() {
@@ -322,7 +367,7 @@ impl Sampled {
             let found = if same < problem {
                 sampled.predicted_convergence[same]
             } else {
-                sampled.problem_convergence(&scores, predictor.range(problem))
+                sampled.problem_convergence(scores, predictor.range(problem))
             };
             if found.is_some_and(|found| !found.is_converged()) && !is_last {
                 return None;
@@ -385,7 +430,13 @@ impl Sampled {
                 &self.draws.by_chain(values),
             ));
         }
-        for (problem, counts) in data.totals().iter().enumerate() {
+        let totals = data.totals();
+        // Equal problems with equal counts have the same ln KL, draw by draw.
+        let mut seen = HashSet::new();
+        for (problem, counts) in totals.iter().enumerate() {
+            if !seen.insert((predictor.same_as(problem), counts)) {
+                continue;
+            }
             let n: u64 = counts.iter().sum();
             if n == 0 {
                 continue;
@@ -442,15 +493,21 @@ impl Sampled {
                 q95: quantile(&values, 0.95),
             }
         };
-        let of_problem = |(index, problem): (usize, &FittedProblem)| {
-            let columns = &self.ln_predicted[predictor.range(index)];
+        let mut shares: Vec<Vec<PredictedShare>> = Vec::with_capacity(data.problems().len());
+        for problem in 0..data.problems().len() {
+            let same = predictor.same_as(problem);
+            shares.push(if same < problem {
+                shares[same].clone()
+            } else {
+                let columns = &self.ln_predicted[predictor.range(problem)];
+                columns.iter().map(share).collect()
+            });
+        }
+        let of_problem = |(problem, shares): (&FittedProblem, Vec<PredictedShare>)| {
             let names = problem.problem.names().map(str::to_owned);
-            (
-                problem.id.clone(),
-                names.zip(columns.iter().map(share)).collect(),
-            )
+            (problem.id.clone(), names.zip(shares).collect())
         };
-        data.problems().iter().enumerate().map(of_problem).collect()
+        data.problems().iter().zip(shares).map(of_problem).collect()
     }
 
     pub(super) fn diagnostics(&self, data: &ChoiceData) -> Diagnostics {

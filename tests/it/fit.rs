@@ -9,7 +9,7 @@ use riskaware::inference::accuracy::{Shares, compare, pooled};
 use riskaware::inference::curves::curves;
 use riskaware::inference::{
     ChoiceData, Fit, FitError, FitSettings, FitSummary, FittedProblem, ParameterSummary, Prior,
-    Priors, Progress, Quantity, Source, fit, predict_from_draws, uninterrupted,
+    Priors, Progress, Quantity, Source, fit, predict_from_draws, refit, uninterrupted,
 };
 use riskaware::model::{
     CUMULATIVE_PROSPECT, ChoiceModel, ChoiceProblem, EXPECTED_UTILITY, MODELS, NOISY_RATIONAL,
@@ -624,4 +624,105 @@ fn a_fit_stops_when_asked_and_refuses_nonsense() {
         })
         .contains("`gamma`")
     );
+}
+
+fn driving(risk: f64, counts: &[u64; 2]) -> ChoiceData {
+    let accelerate = [(risk, -500.0), (1.0 - risk, 0.0)];
+    cells(&[(
+        "driving",
+        &[("accelerate", &accelerate[..]), ("stop", STOP_100)],
+        counts,
+    )])
+}
+
+/// A fit that starts from one of fewer answers draws from the same posterior as one that knows nothing.
+#[test]
+fn a_warm_refit_agrees_with_a_cold_fit() {
+    for model in [&NOISY_RATIONAL, &RISK_AWARE] {
+        let settings = FitSettings::default();
+        let before = fitted(model, &driving(0.05, &[5, 24]), &settings);
+        let data = driving(0.05, &[5, 25]);
+        let cold = fitted(model, &data, &settings);
+        let again = |data: &ChoiceData, settings: &FitSettings| {
+            refit(
+                &before.warm_start,
+                model,
+                data,
+                settings,
+                &mut uninterrupted,
+            )
+            .unwrap()
+        };
+        let warm = again(&data, &settings);
+        assert!(warm.summary.converged && warm.summary.provisional);
+        assert!(!cold.summary.provisional);
+        assert_ne!(warm.draws, cold.draws);
+        assert_eq!(warm.draws, again(&data, &settings).draws);
+        for (name, one) in warm.summary.parameters.as_ref().unwrap().iter() {
+            let other = parameter(&cold, name);
+            for (one, other, errors) in [
+                (one.mean, other.mean, [one.mcse_mean, other.mcse_mean]),
+                (one.q50, other.q50, [one.mcse_q50, other.mcse_q50]),
+            ] {
+                let error = errors[0].hypot(errors[1]);
+                assert!(
+                    (one - other).abs() < 4.0 * error,
+                    "{model} {name}: {one}, cold {other}, error {error}"
+                );
+            }
+        }
+        let highest = |fit: &Fit| fit.summary.max_log_likelihood.unwrap();
+        assert!(
+            (highest(&warm) - highest(&cold)).abs() < 1e-6,
+            "{model}: {} and cold {}",
+            highest(&warm),
+            highest(&cold)
+        );
+        let evidence = |fit: &Fit| fit.summary.log_marginal_likelihood.unwrap();
+        let (one, other) = (evidence(&warm), evidence(&cold));
+        assert!((one.value - other.value).abs() < 4.0 * one.se.hypot(other.se));
+
+        // Another problem, another seed: as if there had been no earlier fit.
+        let elsewhere = driving(0.10, &[5, 25]);
+        let reseeded = FitSettings {
+            seed: 2,
+            ..settings.clone()
+        };
+        for (data, settings) in [(&elsewhere, &settings), (&data, &reseeded)] {
+            let found = again(data, settings);
+            assert!(!found.summary.provisional);
+            let anew = fitted(model, data, settings);
+            assert_eq!(found.draws, anew.draws);
+            assert_eq!(found.summary, anew.summary);
+        }
+    }
+}
+
+/// Sure rewards against gambles of every size and sign, with all kinds of shares.
+#[test]
+#[ignore = "2,000 cold fits: some ten seconds of processor time"]
+fn noisy_rational_converges_on_generated_problems() {
+    const FITS: usize = 2000;
+    let mut rng = ChaCha12Rng::seed_from_u64(3);
+    for _ in 0..FITS {
+        let size = 10.0_f64.powf(rng.random_range(0.0..4.0));
+        let mut reward = || size * rng.random_range(-1.0..1.0_f64);
+        let (high, low, sure) = (reward(), reward(), reward());
+        let p = rng.random_range(0.01..0.99);
+        let gamble = [(p, high), (1.0 - p, low)];
+        let n = rng.random_range(1..=100);
+        let gambled = rng.random_range(0..=n);
+        let counts = [gambled, n - gambled];
+        let data = cells(&[(
+            "generated",
+            &[("gamble", &gamble[..]), ("sure", &[(1.0, sure)])],
+            &counts,
+        )]);
+        let fit = fitted(&NOISY_RATIONAL, &data, &FitSettings::default());
+        assert!(
+            fit.summary.converged,
+            "{gamble:?} {sure} {counts:?}: {:#?}",
+            fit.summary.diagnostics
+        );
+    }
 }

@@ -5,10 +5,13 @@ use crate::inference::lanes::{InstructionSet, Kernel, ln};
 /// Bits of a key that one pass sorts by.
 const PASS_BITS: u32 = 11;
 
+/// Up to this many values rarely agree in 21 bits, unless they are equal.
+const FEW: usize = 1 << 14;
+
 /// The places of values in increasing order, as [`f64::total_cmp`] has it.
 ///
-/// A radix sort by the 32 leading bits in which the values differ at all, three passes of eleven bits, then by comparison
-/// among those that agree in them: several times as fast as comparing.
+/// A radix sort by the 32 leading bits in which the values differ at all, in passes of eleven bits, then by comparison among
+/// those that agree in them: several times as fast as comparing. Few values need the upper two passes only.
 pub(super) fn order(values: &[f64]) -> Vec<u32> {
     let key = |value: f64| {
         let bits = value.to_bits();
@@ -23,7 +26,9 @@ pub(super) fn order(values: &[f64]) -> Vec<u32> {
         .map(|(key, place)| (((key - lowest) << spare) & !0xffff_ffff) | place)
         .collect();
     let mut sorted = vec![0; items.len()];
-    for pass in 0..3 {
+    let first_pass = if values.len() <= FEW { 1 } else { 0 };
+    let compared = 32 + first_pass * PASS_BITS;
+    for pass in first_pass..3 {
         let digit = |item: u64| (item >> (32 + pass * PASS_BITS)) as usize & ((1 << PASS_BITS) - 1);
         let mut starts = [0_u32; 1 << PASS_BITS];
         for item in &items {
@@ -42,11 +47,11 @@ pub(super) fn order(values: &[f64]) -> Vec<u32> {
     }
     let mut start = 0;
     while start < items.len() {
-        let prefix = items[start] >> 32;
-        let length = items[start..]
-            .iter()
-            .take_while(|item| **item >> 32 == prefix)
-            .count();
+        let prefix = items[start] >> compared;
+        let mut length = 1;
+        while start + length < items.len() && items[start + length] >> compared == prefix {
+            length += 1;
+        }
         if length > 1 {
             let value = |item: &u64| values[(*item & 0xffff_ffff) as usize];
             items[start..start + length]

@@ -35,6 +35,15 @@ impl Cloud {
             .collect()
     }
 
+    /// `W` positions from an index on, `block[coordinate][lane]`; those beyond the last point stand on it.
+    pub fn block<const W: usize>(&self, start: usize) -> Vec<[f64; W]> {
+        let last = self.len() - 1;
+        self.coordinates
+            .iter()
+            .map(|column| std::array::from_fn(|lane| column[(start + lane).min(last)]))
+            .collect()
+    }
+
     /// All points, one by one.
     pub fn points(&self) -> Vec<Vec<f64>> {
         (0..self.len()).map(|index| self.point(index)).collect()
