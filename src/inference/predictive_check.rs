@@ -2,20 +2,17 @@
 //!
 //! Source: Gelman, Meng & Stern (1996), *Posterior predictive assessment of model fitness via realized discrepancies*.
 
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha12Rng;
+use rand::Rng;
 use rand_distr::{Binomial, Distribution};
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::quantile;
+use super::sampler::{random_stream, streams};
 use super::{Draws, Fit, FittedProblem};
 use crate::model::{RiskAwareOptions, ln_probabilities};
 
 /// Posterior draws that are replicated at most, evenly spaced: p-values are then known to about 0.016.
 const REPLICATIONS: usize = 1000;
-
-/// A random stream far above those of chains.
-const CHECK_STREAM: u64 = 1 << 42;
 
 /// One cell's answers beside answers replicated from the posterior.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -61,8 +58,7 @@ pub fn checks_of_fit(
     problems: &[FittedProblem],
     counts: &[Vec<u64>],
 ) -> Vec<PredictiveCheck> {
-    let mut rng = ChaCha12Rng::seed_from_u64(fit.settings.seed);
-    rng.set_stream(CHECK_STREAM);
+    let mut rng = random_stream(fit.settings.seed, streams::PREDICTIVE_CHECKS);
     predictive_checks(problems, counts, &fit.draws, fit.settings.options, &mut rng)
 }
 
@@ -224,7 +220,7 @@ mod tests {
     }
 
     fn found(theta: f64, counts: [u64; 2]) -> PredictiveCheck {
-        let mut rng = ChaCha12Rng::seed_from_u64(1);
+        let mut rng = random_stream(1, 0);
         let options = RiskAwareOptions::default();
         let checks = predictive_checks(
             &[two()],
@@ -280,7 +276,7 @@ mod tests {
             id: "three".to_owned(),
             problem: ChoiceProblem::from_outcomes(actions).unwrap(),
         };
-        let mut rng = ChaCha12Rng::seed_from_u64(2);
+        let mut rng = random_stream(2, 0);
         let options = RiskAwareOptions::default();
         let problems = [two(), three];
         let counts = [vec![0, 0], vec![5, 4, 3]];

@@ -46,7 +46,7 @@ const REFIT_POINTS: usize = 1000;
 /// Random streams far above those of chains.
 const INERT_STREAM: u64 = 1 << 40;
 const EVIDENCE_STREAM: u64 = 1 << 41;
-const ADAPTATION_STREAM: u64 = 1 << 42;
+const ADAPTATION_STREAM: u64 = super::sampler::streams::ADAPTATION;
 
 /// What one fit leaves for the next: a proposal, points to start from, and how far apart draws had to be.
 #[derive(Debug, Clone)]

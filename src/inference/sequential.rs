@@ -24,7 +24,12 @@ pub struct Look {
 /// When there is enough evidence.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bound {
-    /// The Bayes factor is at least this, above 1, in favour of either model.
+    /// The Bayes factor is at least this, above 1, in favour of either model, even if its logarithm is two Monte-Carlo
+    /// errors nearer to 0 than estimated:
+    ///
+    /// ```text
+    /// |ln BF| − 2 se ≥ ln bound
+    /// ```
     BayesFactor(f64),
     /// The interval is narrower than this, above 0.
     Width(f64),
@@ -47,12 +52,14 @@ impl Bound {
         }
     }
 
-    /// Whether a look reaches the bound. One with a fit that has not converged does not.
+    /// Whether a look reaches the bound. One with a fit that has not converged does not, nor one whose Bayes factor may
+    /// have crossed it by the noise of its estimate alone: the first look that reaches the bound stands, so noise would
+    /// be taken at its luckiest.
     pub fn is_reached(self, look: &Look) -> bool {
         match self {
             Self::BayesFactor(bound) => look
                 .ln_bayes_factor
-                .is_some_and(|ln| ln.value.abs() >= bound.ln()),
+                .is_some_and(|ln| ln.value.abs() - 2.0 * ln.se >= bound.ln()),
             Self::Width(bound) => look.width().is_some_and(|width| width < bound),
         }
     }
@@ -175,9 +182,12 @@ mod tests {
         let bound = Bound::BayesFactor(10.0);
         for (ln, reached) in [
             (2.2, false),
-            (10_f64.ln(), true),
-            (-2.4, true),
+            (10_f64.ln() + 0.21, true),
+            (-2.6, true),
             (-2.2, false),
+            // Beyond the bound, but by less than two errors of 0.1.
+            (10_f64.ln() + 0.19, false),
+            (-2.4, false),
         ] {
             assert_eq!(bound.is_reached(&look(Some(ln), None)), reached, "{ln}");
         }

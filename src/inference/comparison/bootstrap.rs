@@ -7,16 +7,14 @@ use rand_chacha::ChaCha12Rng;
 use rand_distr::{Binomial, Distribution};
 use serde::{Deserialize, Serialize};
 
+use super::leave_one_out::relative_efficiency;
 use super::pareto::{shape_threshold, smooth};
 use super::plan::{Part, PlanData};
 use super::pointwise::PartFit;
 use crate::inference::diagnostics::{ESS_LIMIT, quantile};
-use crate::inference::sampler::random_stream;
+use crate::inference::sampler::{random_stream, streams};
 use crate::inference::{ChoiceData, FitError, fit};
 use crate::model::OrderedMap;
-
-/// Random stream of the resampled people, apart from those of fits.
-const BOOTSTRAP_STREAM: u64 = 1 << 44;
 
 /// How people are drawn anew for fits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,7 +38,8 @@ impl Default for BootstrapSettings {
 ///
 /// A pooled fit takes a person's answers for independent, which they are not, so its posterior may be too narrow. Each
 /// resample draws as many people as there are, with replacement and with all their answers, and takes the posterior of
-/// theirs. Where the two kinds of interval differ much, this one is to be believed.
+/// theirs. Where this interval is wider than the posterior's, it is to be believed. Where it is narrower it is not: a
+/// median that prior or bounds hold in place hardly moves with the people, however little they say of it.
 ///
 /// The posterior of a resample comes from the draws at hand, weighted by the ratio of likelihoods with Pareto smoothing,
 /// if k̂ and the effective sample size allow it; else, as for most resamples of a model with many parameters, from a fit
@@ -97,7 +96,7 @@ pub fn participant_bootstrap(
     // What matters of a resample is the sum of its answers, and small studies repeat them.
     let mut known: BTreeMap<Vec<Vec<u64>>, Option<Estimates>> = BTreeMap::new();
     let mut found = Vec::with_capacity(settings.resamples);
-    let mut rng = random_stream(settings.seed, BOOTSTRAP_STREAM);
+    let mut rng = random_stream(settings.seed, streams::BOOTSTRAP);
     for _ in 0..settings.resamples {
         if watch().is_break() {
             return Err(FitError::Stopped);
@@ -208,10 +207,12 @@ fn weighted_estimates(
     if ln_ratios.iter().any(|ratio| !ratio.is_finite()) {
         return None;
     }
-    let smoothed = smooth(&ln_ratios, 1.0);
+    let efficiency = relative_efficiency(fit, &ln_ratios);
+    let smoothed = smooth(&ln_ratios, efficiency);
     let weights: Vec<f64> = smoothed.ln_weights.iter().map(|ln_w| ln_w.exp()).collect();
-    let effective = 1.0 / weights.iter().map(|weight| weight * weight).sum::<f64>();
-    if smoothed.shape > shape_threshold(weights.len()) || effective < ESS_LIMIT {
+    // Draws of a chain repeat each other, so fewer count than their weights say.
+    let effective = efficiency / weights.iter().map(|weight| weight * weight).sum::<f64>();
+    if !is_trusted(smoothed.shape, weights.len(), effective) {
         return None;
     }
     let medians = fit.draws.columns.iter();
@@ -222,6 +223,11 @@ fn weighted_estimates(
         shares: fit.weighted_probabilities(part.data().problems(), &weights),
         refitted: false,
     })
+}
+
+/// Whether weighted draws may stand for a fit; not if k̂ or the effective sample size is not a number.
+fn is_trusted(shape: f64, draws: usize, effective: f64) -> bool {
+    shape <= shape_threshold(draws) && effective >= ESS_LIMIT
 }
 
 fn refitted_estimates(
@@ -328,11 +334,44 @@ mod tests {
     fn as_many_units_are_drawn_as_there_are() {
         let data = data(&[("one", &[("sure", SURE), ("risky", RISKY)], &[13, 29])]);
         let plan = PlanData::whole(&data, Unit::Answer);
-        let mut rng = random_stream(1, BOOTSTRAP_STREAM);
+        let mut rng = random_stream(1, streams::BOOTSTRAP);
         for _ in 0..50 {
             let drawn = drawn_weights(&plan, &plan.parts()[0], &mut rng);
             assert_eq!(drawn.iter().sum::<u64>(), 42);
         }
+    }
+
+    #[test]
+    fn weights_without_a_shape_are_not_trusted() {
+        assert!(is_trusted(0.5, 4000, 1000.0));
+        assert!(!is_trusted(f64::NAN, 4000, 1000.0));
+        assert!(!is_trusted(0.5, 4000, f64::NAN));
+        assert!(!is_trusted(0.8, 4000, 1000.0) && !is_trusted(0.5, 4000, 300.0));
+    }
+
+    /// Chains that stand still for a hundred draws hold a hundredth of them.
+    #[test]
+    fn repeated_draws_are_not_counted() {
+        let data = data(&[("one", &[("sure", SURE), ("risky", RISKY)], &[20, 22])]);
+        let plan = PlanData::whole(&data, Unit::Answer);
+        let part = &plan.parts()[0];
+        let settings = FitSettings::default();
+        let found = fit(&NOISY_RATIONAL, &data, &settings, &mut uninterrupted).unwrap();
+        let mut found: PartFit = found.into();
+        let mut drawn: Vec<u64> = part.patterns().iter().map(|one| one.weight).collect();
+        drawn[0] -= 1;
+        drawn[1] += 1;
+        let estimates = |fit: &PartFit| {
+            let columns = fit.ln_likelihoods(data.problems(), part.patterns());
+            weighted_estimates(part, fit, &columns, &drawn)
+        };
+        assert!(estimates(&found).is_some());
+        for (_, values) in &mut found.draws.columns {
+            for still in values.chunks_mut(100) {
+                still.fill(still[0]);
+            }
+        }
+        assert!(estimates(&found).is_none());
     }
 
     #[test]

@@ -6,11 +6,8 @@ use statrs::distribution::{Binomial, DiscreteCDF};
 
 use super::plan::Unit;
 use crate::inference::diagnostics::quantile;
-use crate::inference::sampler::random_stream;
+use crate::inference::sampler::{random_stream, streams};
 use crate::inference::{Group, wilson_interval};
-
-/// Random streams of resampled people, one per comparison, apart from those of fits.
-const RESAMPLING_STREAM: u64 = 1 << 43;
 
 /// A cell of a design, as tests need it: also one that no model can be fitted to.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -273,7 +270,7 @@ pub fn pair_tests(pairs: Vec<PairedCells>, resampling: &Resampling) -> Vec<PairT
 
 /// Sorted risk differences of resampled people.
 fn resampled_differences(pair: &PairedCells, place: usize, resampling: &Resampling) -> Vec<f64> {
-    let mut rng = random_stream(resampling.seed, RESAMPLING_STREAM + place as u64);
+    let mut rng = random_stream(resampling.seed, streams::CHOICE_TESTS + place as u64);
     let n = pair.n();
     let share = pair.first_only as f64 / n as f64;
     let rest = n - pair.first_only;

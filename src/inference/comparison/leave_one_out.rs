@@ -200,8 +200,8 @@ fn smoothed_score(ln_likelihood: &[f64], relative_efficiency: f64) -> (f64, f64)
     (ln_sum_exp(&products), smoothed.shape)
 }
 
-/// Effective draws per draw for the mean of a unit's likelihood.
-fn relative_efficiency(fit: &PartFit, ln_likelihood: &[f64]) -> f64 {
+/// Effective draws per draw for the mean of a unit's likelihood, or of other ratios given by their logarithms.
+pub(super) fn relative_efficiency(fit: &PartFit, ln_likelihood: &[f64]) -> f64 {
     let highest = ln_likelihood
         .iter()
         .copied()

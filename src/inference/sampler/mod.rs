@@ -75,6 +75,24 @@ pub type Watch<'a> = dyn FnMut() -> ControlFlow<()> + 'a;
 #[error("stopped")]
 pub struct Stopped;
 
+/// Numbers of the random streams that are not those of chains and warm-up, each for one purpose.
+///
+/// Chains count up in each round of a fit from a multiple of 2³², and the warm-up begins at 0, so all of these lie far
+/// above; the fit of mixtures has the last one. A purpose that needs several streams counts up from its number, by less
+/// than 2³². 2⁴⁰ and 2⁴¹ are taken as well: a fit draws inert parameters and its evidence from them.
+pub mod streams {
+    /// Adaptation of a proposal, one per round.
+    pub const ADAPTATION: u64 = 1 << 42;
+    /// People drawn anew for tests on choices, one per comparison.
+    pub const CHOICE_TESTS: u64 = 1 << 43;
+    /// People drawn anew for fits.
+    pub const BOOTSTRAP: u64 = 1 << 44;
+    /// Answers replicated from a posterior.
+    pub const PREDICTIVE_CHECKS: u64 = 1 << 45;
+    /// Problems that are held out together.
+    pub const FOLDS: u64 = 1 << 46;
+}
+
 /// The random stream number `stream` of a seed: streams of one seed are independent of each other.
 pub fn random_stream(seed: u64, stream: u64) -> ChaCha12Rng {
     let mut rng = ChaCha12Rng::seed_from_u64(seed);
@@ -87,6 +105,23 @@ pub(crate) mod tests {
     use super::*;
     use crate::inference::diagnostics::{Convergence, mean, variance};
     use crate::inference::lanes::fill_normals;
+
+    #[test]
+    fn streams_of_different_purposes_stay_apart() {
+        let mut all = [
+            1 << 40,
+            1 << 41,
+            streams::ADAPTATION,
+            streams::CHOICE_TESTS,
+            streams::BOOTSTRAP,
+            streams::PREDICTIVE_CHECKS,
+            streams::FOLDS,
+        ];
+        all.sort_unstable();
+        for pair in all.windows(2) {
+            assert!(pair[1] - pair[0] >= 1 << 32, "{pair:?}");
+        }
+    }
 
     /// A normal prior times a normal likelihood in each coordinate, or two likelihood bumps far apart.
     struct Normals {

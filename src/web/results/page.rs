@@ -501,7 +501,7 @@ fn notes(snapshot: &Snapshot) -> Vec<String> {
     let mut notes = Vec::new();
     if study.cells().len() > 1 {
         notes.push(
-            "One person answers several questions. The fits take all answers as independent of each other; where people differ lastingly, posterior intervals are narrower than they should be. Intervals over people drawn anew, where they stand above, are not."
+            "One person answers several questions. The fits take all answers as independent of each other; where people differ lastingly, posterior intervals are narrower than they should be. Where the interval over people drawn anew stands above and is wider, believe that one; where it is narrower, believe the posterior."
                 .to_owned(),
         );
     }

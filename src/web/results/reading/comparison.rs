@@ -2,7 +2,7 @@
 
 use crate::{
     inference::{
-        Estimate, Source,
+        Estimate, ParameterSummary, Source,
         comparison::{
             BayesFactor, Comparison, EvidenceWords, LEAST_DIFFERENCE, LEAST_UNITS,
             LeaveOneOutDifference, OBSERVED_SHARE, Pair, PriorChange, RANDOM, Unit, Verdict,
@@ -504,10 +504,9 @@ pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table
             continue;
         };
         for (name, found) in resampled.parameters.iter() {
-            // What is the prior whoever comes has no interval over people.
             let Some(posterior) = posterior
                 .get(name)
-                .filter(|found| found.source == Source::Choices)
+                .filter(|found| varies_with_people(found))
             else {
                 continue;
             };
@@ -523,6 +522,12 @@ pub(super) fn bootstrap(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table
         }
     }
     table
+}
+
+/// Whether an interval over people means anything: a median that the prior holds in place, whoever comes, hardly moves,
+/// and its interval would look exact.
+fn varies_with_people(found: &ParameterSummary) -> bool {
+    found.source == Source::Choices && found.informed
 }
 
 /// What each plan's comparison says on the study's hypothesis.
@@ -593,7 +598,25 @@ pub(super) fn disagreement(snapshot: &Snapshot, compared: &[Compared<'_>]) -> St
 
 #[cfg(test)]
 mod tests {
-    use super::ratio;
+    use super::{ratio, varies_with_people};
+    use crate::inference::{ParameterSummary, Source};
+
+    #[test]
+    fn only_what_choices_speak_of_varies_with_people() {
+        for (informed, source, varies) in [
+            (true, Source::Choices, true),
+            (false, Source::Choices, false),
+            (false, Source::Prior, false),
+        ] {
+            let found: ParameterSummary = serde_json::from_value(serde_json::json!({
+                "mean": 1.0, "sd": 0.1, "q5": 0.8, "q50": 1.0, "q95": 1.2, "rhat": 1.0, "ess_bulk": 4000.0,
+                "ess_tail": 4000.0, "mcse_mean": 0.01, "mcse_q50": 0.01, "prior_q5": 0.1, "prior_q50": 1.0,
+                "prior_q95": 9.0, "contraction": 0.5, "informed": informed, "source": source,
+            }))
+            .unwrap();
+            assert_eq!(varies_with_people(&found), varies, "{informed} {source:?}");
+        }
+    }
 
     #[test]
     fn bayes_factors_read_as_odds() {
