@@ -64,6 +64,22 @@ impl Convergence {
         }
     }
 
+    /// Of draws that are not all numbers: nothing is known.
+    pub const NONE: Self = Self {
+        rhat: f64::NAN,
+        ess_bulk: f64::NAN,
+        ess_tail: f64::NAN,
+    };
+
+    /// The worse of two in each respect.
+    pub fn worse(self, other: Self) -> Self {
+        Self {
+            rhat: larger(self.rhat, other.rhat),
+            ess_bulk: smaller(self.ess_bulk, other.ess_bulk),
+            ess_tail: smaller(self.ess_tail, other.ess_tail),
+        }
+    }
+
     /// Whether the draws may be used: R̂ under 1.01, both effective sample sizes over 400.
     pub fn is_converged(&self) -> bool {
         self.rhat < RHAT_LIMIT && self.ess_bulk > ESS_LIMIT && self.ess_tail > ESS_LIMIT

@@ -231,6 +231,7 @@ fn fit_from(
         predictor: &mut predictor,
         data,
         settings,
+        generation: 0,
     };
     let warm = match earlier {
         Some(earlier) => sampling.warm(earlier, watch)?,

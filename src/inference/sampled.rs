@@ -4,6 +4,8 @@ use std::collections::HashSet;
 use std::ops::{ControlFlow, Range};
 use std::sync::Arc;
 
+use rand_chacha::ChaCha12Rng;
+
 use super::accuracy::CellAccuracy;
 use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
 use super::lanes::{InstructionSet, Kernel, exp, ln};
@@ -56,6 +58,8 @@ pub(super) struct Warm {
     steps: usize,
     /// Share of proposals accepted when the proposal was fitted.
     acceptance: f64,
+    /// How many warm fits there were since the cold one.
+    generation: u64,
     /// They depend on the number of draws alone.
     scores: Arc<NormalScores>,
 }
@@ -97,6 +101,8 @@ pub(super) struct Sampling<'a> {
     pub(super) predictor: &'a mut Predictor,
     pub(super) data: &'a ChoiceData,
     pub(super) settings: &'a FitSettings,
+    /// Of the fit that is made: 0 when it is cold.
+    pub(super) generation: u64,
 }
 
 impl Sampling<'_> {
@@ -109,7 +115,8 @@ impl Sampling<'_> {
         let scores = Arc::new(self.scores());
         let mut warming: Box<Watch<'_>> = Box::new(|| watch(Progress::WarmingUp));
         let warm = warm_up(self.posterior, seed, &mut warming)?;
-        let mut rng = random_stream(seed, ADAPTATION_STREAM);
+        self.generation = 0;
+        let mut rng = self.stream(ADAPTATION_STREAM, 0);
         let mut proposal = adapt(
             self.posterior,
             warm.proposal.clone(),
@@ -154,6 +161,7 @@ impl Sampling<'_> {
         earlier: &Warm,
         watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
     ) -> Result<Option<Judged>, FitError> {
+        self.generation = earlier.generation + 1;
         let scores = Arc::clone(&earlier.scores);
         let stride = (earlier.points.len() / self.settings.chains).max(1);
         let start = |chain: usize| earlier.points.point(chain * stride % earlier.points.len());
@@ -177,8 +185,7 @@ impl Sampling<'_> {
             if satisfies {
                 steps *= 2;
             } else {
-                let seed = self.settings.seed;
-                let mut rng = random_stream(seed, ADAPTATION_STREAM + u64::from(round));
+                let mut rng = self.stream(ADAPTATION_STREAM, round);
                 proposal = adapt(self.posterior, proposal, &mut rng, &mut || {
                     watch(Progress::Sampling { round })
                 })?;
@@ -187,6 +194,18 @@ impl Sampling<'_> {
             starts = chains.ends();
         }
         Ok(None)
+    }
+
+    /// A stream of random numbers for one purpose. Each warm fit has its own: where it starts and what it proposes come
+    /// from the draws before it, which must not be functions of the numbers that drive it.
+    fn stream(&self, purpose: u64, round: u32) -> ChaCha12Rng {
+        let number = self.generation_bits() + purpose + u64::from(round);
+        random_stream(self.settings.seed, number)
+    }
+
+    /// Above the bits of all purposes and rounds; after 65,536 warm fits they begin again.
+    fn generation_bits(&self) -> u64 {
+        self.generation << 48
     }
 
     /// The scores of ranks among as many draws as half chains have.
@@ -204,7 +223,7 @@ impl Sampling<'_> {
     ) -> Result<Chains, FitError> {
         let run = Run {
             seed: self.settings.seed,
-            stream: u64::from(round) << 32,
+            stream: self.generation_bits() + (u64::from(round) << 32),
             draws: self.settings.draws,
             steps,
         };
@@ -230,7 +249,7 @@ impl Sampling<'_> {
         if !satisfies && !is_last {
             return None;
         }
-        let mut rng = random_stream(self.settings.seed, INERT_STREAM + u64::from(round));
+        let mut rng = self.stream(INERT_STREAM, round);
         let draws = self.posterior.draws(chains, &mut rng);
         Sampled::of(
             draws,
@@ -252,7 +271,7 @@ impl Sampling<'_> {
             fitted,
             scores,
         } = judged;
-        let mut rng = random_stream(self.settings.seed, EVIDENCE_STREAM);
+        let mut rng = self.stream(EVIDENCE_STREAM, 0);
         let draws = self.settings.chains * self.settings.draws;
         let (value, se) = ln_evidence(self.posterior, &proposal, draws, &mut rng);
         sampled.ln_evidence =
@@ -271,6 +290,7 @@ impl Sampling<'_> {
             points,
             steps,
             acceptance,
+            generation: self.generation,
             scores,
         });
         sampled
@@ -386,29 +406,34 @@ impl Sampled {
         (sampled.converged || is_last).then_some(sampled)
     }
 
-    /// The worst convergence of the probabilities of one problem's actions, but the last, which follows.
+    /// The worst convergence of the probabilities of one problem's actions. The likeliest of them follows from the others,
+    /// whatever the order of actions; what is the same in all draws needs no chain to converge.
     fn problem_convergence(
         &self,
         scores: &NormalScores,
         range: Range<usize>,
     ) -> Option<Convergence> {
-        self.ln_predicted[range.start..range.end - 1]
-            .iter()
-            .filter(|column| column.iter().any(|value| (value - column[0]).abs() > 1e-12))
-            .map(|column| {
+        let columns = &self.ln_predicted[range];
+        let totals = columns.iter().map(|column| column.iter().sum::<f64>());
+        let likeliest = totals
+            .enumerate()
+            .max_by(|left, right| left.1.total_cmp(&right.1))
+            .map(|(index, _)| index);
+        let others = columns.iter().enumerate();
+        others
+            .filter(|(index, _)| Some(*index) != likeliest)
+            .filter_map(|(_, column)| {
                 // R̂ folds the values about their median, so that of ln P would be another one.
                 let probabilities: Vec<f64> = column.iter().map(|ln_p| exp(*ln_p)).collect();
-                Convergence::with(scores, &self.draws.by_chain(&probabilities))
+                if probabilities.iter().any(|p| p.is_nan()) {
+                    return Some(Convergence::NONE);
+                }
+                let first = probabilities[0];
+                let moves = |p: &f64| (p - first).abs() > 1e-12 * first;
+                let moves = probabilities.iter().any(moves);
+                moves.then(|| Convergence::with(scores, &self.draws.by_chain(&probabilities)))
             })
-            .reduce(|left, right| Convergence {
-                rhat: if left.rhat.is_nan() {
-                    left.rhat
-                } else {
-                    left.rhat.max(right.rhat)
-                },
-                ess_bulk: left.ess_bulk.min(right.ess_bulk),
-                ess_tail: left.ess_tail.min(right.ess_tail),
-            })
+            .reduce(Convergence::worse)
     }
 
     /// Draws at equal distances within each chain, chains in turn.

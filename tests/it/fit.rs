@@ -479,6 +479,28 @@ fn the_same_seed_gives_the_same_draws_bit_for_bit_whatever_the_order_of_problems
     assert_ne!(one.draws, other.draws);
 }
 
+/// A choice so hopeless that its probability is 0 in every draw does not move, whichever action comes first.
+#[test]
+fn hopeless_actions_need_no_chain_to_converge() {
+    let small: Cell<'_> = (
+        "small",
+        &[("a", &[(1.0, 10.0)]), ("b", &[(1.0, 12.0)])],
+        &[300, 700],
+    );
+    let low: (&str, Outcomes<'_>) = ("low", &[(1.0, 100.0)]);
+    let high: (&str, Outcomes<'_>) = ("high", &[(1.0, 5000.0)]);
+    for actions in [[low, high], [high, low]] {
+        let counts = if actions[0].0 == "high" {
+            [50, 0]
+        } else {
+            [0, 50]
+        };
+        let data = cells(&[small, ("large", &actions, &counts)]);
+        let fit = fitted(&NOISY_RATIONAL, &data, &FitSettings::default());
+        assert!(fit.summary.converged, "{:#?}", fit.summary.diagnostics);
+    }
+}
+
 #[test]
 fn independent_samples_are_spread_over_all_chains() {
     let fit = fitted(
