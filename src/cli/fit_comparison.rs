@@ -137,7 +137,7 @@ fn write_pair(out: &mut dyn Write, comparison: &Comparison, pair: &Pair) -> io::
     if let Some(held_out) = pair.held_out {
         writeln!(
             out,
-            "  held-out problems: {} over {} problems",
+            "  held out one at a time: {} over {} distinct problems",
             with_error(held_out.value, held_out.se),
             held_out.units
         )?;

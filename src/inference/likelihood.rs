@@ -422,7 +422,8 @@ impl<const W: usize> Kernel for Predict<'_, W> {
     }
 }
 
-fn key(prospect: &Prospect) -> Vec<f64> {
+/// The outcomes in one list: two prospects with the same list are the same.
+pub(super) fn key(prospect: &Prospect) -> Vec<f64> {
     prospect
         .outcomes()
         .iter()

@@ -3,7 +3,7 @@
 //! The questions differ, and so may the answers:
 //!
 //! * [`LeaveOneOut`]: how well a model, fitted to everybody else, predicts the answers of one more person;
-//! * [`HeldOut`]: how well a model, fitted to other problems, predicts a new one;
+//! * [`HeldOut`]: how well a model, fitted to other problems, predicts one more;
 //! * [`BayesFactor`]: how likely a model with its priors made the answers before any was seen;
 //! * [`ChoiceTests`]: what the choices say without a model.
 //!
@@ -33,8 +33,8 @@ pub use choice_tests::{
     choice_tests, exact_half, exact_mcnemar, holm, pair_tests, paired_cells,
 };
 pub use held_out::{
-    HeldOut, HeldOutPrediction, HeldOutProblem, HeldOutScore, HeldOutSettings, OBSERVED_SHARE,
-    RANDOM,
+    HeldOut, HeldOutPrediction, HeldOutProblem, HeldOutScore, HeldOutSettings, LEAST_PROBLEMS,
+    OBSERVED_SHARE, RANDOM,
 };
 pub use ladder::{LadderStep, StepScore};
 pub use leave_one_out::{LEAST_DIFFERENCE, LEAST_UNITS, LeaveOneOut, LeaveOneOutDifference};

@@ -12,7 +12,7 @@ pub struct ScoreDifference {
     pub value: f64,
     /// √(N·Var Δᵢ); missing for fewer than two units.
     pub se: Option<f64>,
-    /// N, how many units (people, answers or problems) the sum goes over.
+    /// N, how many units (people, answers or distinct problems) the sum goes over.
     pub units: u64,
     /// Whether |Σ Δᵢ| exceeds two standard errors.
     pub beyond_two_se: bool,

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::held_out::LEAST_PROBLEMS;
 use super::report::{Comparison, Pair};
 
 /// A claim that one model predicts people better than another.
@@ -81,6 +82,8 @@ pub struct Criterion {
 pub enum Question {
     /// Prediction of problems from other problems.
     HeldOut,
+    /// Prediction of cells from other cells, some of which ask the same problem.
+    HeldOutCells,
     /// Prediction of people from other people.
     LeaveOneOut,
     /// How likely the answers were beforehand.
@@ -123,6 +126,7 @@ impl Question {
     const fn name(self) -> &'static str {
         match self {
             Self::HeldOut => "held-out problems",
+            Self::HeldOutCells => "held-out cells",
             Self::LeaveOneOut => "left-out answers",
             Self::BayesFactor => "Bayes factor",
         }
@@ -133,6 +137,9 @@ impl Question {
         match self {
             Self::HeldOut => {
                 "held-out problems ask which model, fitted to the other problems, predicts answers to a new one"
+            }
+            Self::HeldOutCells => {
+                "held-out cells ask which model, fitted to the other cells, predicts answers to one more cell, though not to a new problem: others ask the same"
             }
             Self::LeaveOneOut => {
                 "left-out answers ask which model, fitted to everybody else, predicts more people in the same problems"
@@ -156,7 +163,7 @@ impl Outcome {
 
 impl Verdict {
     /// How the outcome is found.
-    pub const CRITERION: &'static str = "supported if the difference on held-out problems exceeds two standard errors, the difference on left-out \
+    pub const CRITERION: &'static str = "supported if the difference on held-out problems exceeds two standard errors with 8 distinct problems or more, the difference on left-out \
          answers exceeds 4 and two standard errors with 30 units or more, and the Bayes factor has one sign under all \
          priors tried, all for the claim; not supported if none of them speaks for it and at least one against it; \
          otherwise undecided. What could not be asked (one problem alone) is left out";
@@ -164,7 +171,7 @@ impl Verdict {
     /// The verdict of a comparison; nothing if it lacks one of the models, or asked nothing that decides.
     pub fn of(hypothesis: &Hypothesis, comparison: &Comparison) -> Option<Self> {
         let (pair, sign) = comparison.pair(hypothesis.better, hypothesis.than)?;
-        let criteria = criteria(pair, sign);
+        let criteria = criteria(comparison, pair, sign);
         if criteria.is_empty() {
             return None;
         }
@@ -216,15 +223,25 @@ impl Criterion {
 }
 
 /// The criteria that were asked of a pair; `sign` is −1 if its first model is not the claimed one.
-fn criteria(pair: &Pair, sign: f64) -> Vec<Criterion> {
+fn criteria(comparison: &Comparison, pair: &Pair, sign: f64) -> Vec<Criterion> {
     let mut criteria = Vec::new();
     let finite = |value: f64| Some(sign * value).filter(|value| value.is_finite());
-    if let Some(difference) = &pair.held_out {
+    if let Some(held_out) = &comparison.held_out {
+        let question = if held_out.problems.iter().any(|problem| problem.copies > 0) {
+            Question::HeldOutCells
+        } else {
+            Question::HeldOut
+        };
+        // A fold that did not converge leaves no difference: asked, but without an answer.
+        let difference = pair.held_out.as_ref();
         criteria.push(Criterion {
-            question: Question::HeldOut,
-            value: finite(difference.value),
-            se: difference.se,
-            leaning: Leaning::of(sign * difference.value, difference.beyond_two_se),
+            question,
+            value: difference.and_then(|difference| finite(difference.value)),
+            se: difference.and_then(|difference| difference.se),
+            leaning: difference.map_or(Leaning::Neither, |difference| {
+                let is_clear = difference.beyond_two_se && difference.units >= LEAST_PROBLEMS;
+                Leaning::of(sign * difference.value, is_clear)
+            }),
         });
     }
     if let Some(left_out) = &pair.leave_one_out {
@@ -257,7 +274,9 @@ fn criteria(pair: &Pair, sign: f64) -> Vec<Criterion> {
 mod tests {
     use super::*;
     use crate::inference::Estimate;
-    use crate::inference::comparison::{BayesFactor, LeaveOneOutDifference, ScoreDifference, Unit};
+    use crate::inference::comparison::{
+        BayesFactor, HeldOut, HeldOutProblem, LeaveOneOutDifference, ScoreDifference, Unit,
+    };
     use crate::model::OrderedMap;
 
     fn difference(value: f64, se: f64) -> ScoreDifference {
@@ -294,8 +313,26 @@ mod tests {
                 }),
                 held_out: Some(difference(held_out, 1.0)),
             }],
-            held_out: None,
+            held_out: Some(exam(0)),
             ladder: Vec::new(),
+        }
+    }
+
+    /// One cell beside so many that ask the same.
+    fn exam(copies: usize) -> HeldOut {
+        HeldOut {
+            folds: false,
+            n: 8,
+            problems: vec![HeldOutProblem {
+                problem: "one".to_owned(),
+                part: "all".to_owned(),
+                fold: 1,
+                copies,
+                n: 8,
+                observed: vec![0.5, 0.5],
+                predictions: OrderedMap(Vec::new()),
+            }],
+            scores: OrderedMap(Vec::new()),
         }
     }
 
@@ -322,6 +359,56 @@ mod tests {
         check([0.5, 0.5, 0.1], Outcome::Undecided);
         let found = check([-9.0, 12.0, 7.0], Outcome::Undecided);
         assert!(found.disagreement.unwrap().contains("a new one"));
+    }
+
+    #[test]
+    fn few_problems_take_no_side() {
+        for (units, leaning) in [(7, Leaning::Neither), (8, Leaning::For)] {
+            let mut comparison = comparison(9.0, 12.0, 7.0);
+            comparison.pairs[0].held_out.as_mut().unwrap().units = units;
+            let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+            assert_eq!(found.criteria[0].leaning, leaning, "{units}");
+            assert_eq!(found.criteria[0].value, Some(9.0));
+        }
+        assert!(Verdict::CRITERION.contains(&format!("{LEAST_PROBLEMS} distinct")));
+    }
+
+    /// A fold that did not converge is not a question that could not be asked.
+    #[test]
+    fn a_failed_criterion_stays_and_decides_nothing() {
+        let mut comparison = comparison(9.0, 12.0, 7.0);
+        comparison.pairs[0].held_out = None;
+        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        assert_eq!(found.outcome, Outcome::Undecided);
+        let first = found.criteria[0];
+        assert_eq!(
+            (first.question, first.value, first.leaning),
+            (Question::HeldOut, None, Leaning::Neither)
+        );
+        assert!(
+            found
+                .line
+                .contains("held-out problems no value, neither way")
+        );
+        comparison.held_out = None;
+        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        assert_eq!(
+            (found.outcome, found.criteria.len()),
+            (Outcome::Supported, 2)
+        );
+    }
+
+    #[test]
+    fn a_cell_whose_copies_remain_is_not_called_a_new_problem() {
+        let mut comparison = comparison(-9.0, 12.0, 7.0);
+        comparison.held_out = Some(exam(3));
+        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        assert!(found.line.contains("held-out cells -9.0"), "{}", found.line);
+        let text = found.disagreement.unwrap();
+        assert!(
+            text.contains("one more cell") && !text.contains("a new one"),
+            "{text}"
+        );
     }
 
     /// A claim for the pair's second model turns every sign.

@@ -4,7 +4,9 @@ use serde::Serialize;
 
 use super::{broadest_plan, comparison::Compared};
 use crate::{
-    inference::comparison::{LEAST_DIFFERENCE, LEAST_UNITS, LadderStep, ScoreDifference},
+    inference::comparison::{
+        LEAST_DIFFERENCE, LEAST_PROBLEMS, LEAST_UNITS, LadderStep, ScoreDifference,
+    },
     jobs::Snapshot,
     web::results::format::rfc3339,
 };
@@ -79,8 +81,11 @@ impl Rung {
         let gain = score.and_then(|score| score.gain);
         let is_clear = |gain: ScoreDifference| {
             gain.beyond_two_se
-                && (cells_left_out
-                    || gain.units >= LEAST_UNITS && gain.value.abs() >= LEAST_DIFFERENCE)
+                && if cells_left_out {
+                    gain.units >= LEAST_PROBLEMS
+                } else {
+                    gain.units >= LEAST_UNITS && gain.value.abs() >= LEAST_DIFFERENCE
+                }
         };
         Self {
             model: step.id.clone(),
