@@ -83,6 +83,12 @@ impl PlanComparison {
         kept.chain(new.iter().cloned()).collect()
     }
 
+    /// What the input hash of each comparison of a plan begins with: a hash of all that its fits depend on but the answers.
+    pub fn settings_hash(study: &Study, plan: &FitPlan) -> String {
+        let nobody = FitInput::of_plan(study, plan, study.models(), &StudyCounts::new(study, &[]));
+        hash_of(nobody.iter().map(|input| input.hash.as_str()))
+    }
+
     /// The same, as it stands to the answers that there are now; none if it is one of other problems, models or priors,
     /// or if nobody's answers are left.
     pub(super) fn beside(&self, snapshot: &Snapshot) -> Option<Self> {
@@ -91,7 +97,7 @@ impl PlanComparison {
         let mut fitted = snapshot.fits.iter().filter(|part| part.plan == plan.id);
         let is_of_this = self
             .input_hash
-            .starts_with(&settings_hash(&snapshot.study, plan))
+            .starts_with(&Self::settings_hash(&snapshot.study, plan))
             && fitted.any(|part| part.input.data.n() > 0);
         is_of_this.then(|| Self {
             is_behind: !self.input_hash.starts_with(&fits_hash(snapshot, plan)),
@@ -100,17 +106,12 @@ impl PlanComparison {
     }
 }
 
-/// Of everything that a plan's fits depend on but the answers.
-fn settings_hash(study: &Study, plan: &FitPlan) -> String {
-    let nobody = FitInput::of_plan(study, plan, study.models(), &StudyCounts::new(study, &[]));
-    hash_of(nobody.iter().map(|input| input.hash.as_str()))
-}
-
 /// The same with all fits of a plan: it moves with every answer that counts there.
 fn fits_hash(snapshot: &Snapshot, plan: &FitPlan) -> String {
     let of_plan = snapshot.fits.iter().filter(|part| part.plan == plan.id);
     let fits = hash_of(of_plan.map(|part| part.input.hash.as_str()));
-    format!("{}-{fits}", settings_hash(&snapshot.study, plan))
+    let settings = PlanComparison::settings_hash(&snapshot.study, plan);
+    format!("{settings}-{fits}")
 }
 
 /// What is stored of a comparison.

@@ -265,6 +265,10 @@ async fn a_blind_study_shows_who_took_part_and_nothing_else() {
         format!("{api}/fits?history=true"),
         format!("{api}/fits/{fit}"),
         format!("{api}/fits/{fit}/draws"),
+        format!("{api}/fits/{fit}/draws.csv?chain=1"),
+        format!("{api}/gap-sweep"),
+        format!("{api}/gap-sweep?pattern=observed"),
+        "/results/driving/data/reading.json".to_owned(),
         "/results/driving/data/curves.json".to_owned(),
         "/results/driving/data/accuracy.json".to_owned(),
         "/results/driving/data/comparison.json".to_owned(),
@@ -286,6 +290,9 @@ async fn a_blind_study_shows_who_took_part_and_nothing_else() {
             (&2.into(), &Value::Array(Vec::new()))
         );
     }
+    // It draws what people chose beside what was made up.
+    let page = app.get("/results/driving/sweep").await;
+    assert_eq!(page.status, StatusCode::FORBIDDEN);
     let page = app.get("/results/driving").await;
     assert_eq!(page.status, StatusCode::OK);
     assert!(

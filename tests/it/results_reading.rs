@@ -7,7 +7,7 @@ use riskaware::{
     clock::Clock,
     inference::comparison::{ComparisonSettings, PlanData, Unit, compare_models},
     inference::{ChoiceData, FitSettings, FittedProblem, Group},
-    jobs::Catalogue,
+    jobs::{Catalogue, PlanComparison},
     model::{NOISY_RATIONAL, RISK_AWARE},
     store::{NewComparison, Population},
     study::{self, StudyId},
@@ -173,7 +173,13 @@ fn two_cells() -> PlanData {
 async fn a_comparison_decides_headline_verdict_and_ladder() {
     let (app, catalogue) = serving(driving()).await;
     let id = StudyId::from("driving");
-    let (version, _) = catalogue.current(&id).unwrap();
+    let (version, study) = catalogue.current(&id).unwrap();
+    let plan = study
+        .plans()
+        .iter()
+        .find(|plan| plan.id.as_str() == "all")
+        .unwrap();
+    let settings_hash = PlanComparison::settings_hash(&study, plan);
     let settings = FitSettings {
         reference_reward: Some(-500.0),
         draws: 250,
@@ -203,13 +209,31 @@ async fn a_comparison_decides_headline_verdict_and_ladder() {
         study: id,
         population: Population::People,
         plan: "all".into(),
-        input_hash: "of other fits".to_owned(),
+        input_hash: format!("{settings_hash}-of other answers"),
         data_version: 0,
         version,
         seed: 1,
         outcome: Ok(json!({ "comparison": comparison, "tests": plain }).to_string()),
         cpu_ms: 1,
     };
+    app.store.save_comparison(new.clone()).await.unwrap();
+    // Without anybody's answers, or of other problems, it says nothing of this study.
+    let page = app.get("/results/driving").await.html;
+    assert_eq!(
+        texts(&page, "[data-value='verdict.model']"),
+        ["Not known yet"]
+    );
+    drives(&app.store, &catalogue, 0..1, 1).await;
+    let foreign = NewComparison {
+        input_hash: "of other problems".to_owned(),
+        ..new.clone()
+    };
+    app.store.save_comparison(foreign).await.unwrap();
+    let page = app.get("/results/driving").await.html;
+    assert_eq!(
+        texts(&page, "[data-value='verdict.model']"),
+        ["Not known yet"]
+    );
     app.store.save_comparison(new).await.unwrap();
 
     let page = app.get("/results/driving").await.html;
