@@ -10,6 +10,7 @@ use std::ops::Range;
 
 use serde::Serialize;
 
+use super::lanes::exp;
 use super::likelihood::Predictor;
 use super::{ChoiceData, Draws, FitError, FitSettings, FitSummary, Group, Prior, Priors, Quantity};
 use crate::model::{ChoiceModel, OrderedMap, Parameter, Parameters};
@@ -186,7 +187,7 @@ impl<'a> DrawsExport<'a> {
         }
         for column in &mut ln_predicted {
             for value in column.iter_mut() {
-                *value = value.exp();
+                *value = exp(*value);
             }
             finite("p", column)?;
         }
