@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use rand::{Rng, RngExt};
 
-use super::{ChoiceData, ChoiceDataError, FittedProblem, Group, Priors, Quantity};
+use super::{
+    ChoiceData, ChoiceDataError, FitError, FittedProblem, Group, Priors, Quantity,
+    ReferenceRewardError,
+};
 use crate::model::{
     ChoiceError, ChoiceModel, Parameter, Parameters, RiskAwareOptions, probabilities, value,
 };
@@ -165,6 +168,20 @@ pub enum SimulationError {
     /// The problems make no data.
     #[error(transparent)]
     Data(#[from] ChoiceDataError),
+}
+
+/// Why a study of simulated people was not fitted.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SimulatedFitError {
+    /// Nobody could be simulated, or a draw gives no probabilities.
+    #[error(transparent)]
+    Simulation(#[from] SimulationError),
+    /// There is no reference reward.
+    #[error(transparent)]
+    ReferenceReward(#[from] ReferenceRewardError),
+    /// There is no fit.
+    #[error(transparent)]
+    Fit(#[from] FitError),
 }
 
 #[cfg(test)]

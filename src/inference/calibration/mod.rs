@@ -18,5 +18,5 @@ mod replicate;
 mod uniformity;
 
 pub use judgement::{Judgement, LEVEL, QuantityJudgement, RankSet, RankTest, judge};
-pub use replicate::{CalibrationError, Experiment, RankedQuantity, Replicate, rank};
+pub use replicate::{Experiment, RankedQuantity, Replicate, rank};
 pub use uniformity::{Bands, UniformRanks};

@@ -5,10 +5,10 @@ use std::fmt;
 use rand::{Rng, RngExt};
 
 use crate::inference::sampler::random_stream;
-use crate::inference::simulated::{SimulatedPerson, SimulationError};
+use crate::inference::simulated::{SimulatedFitError, SimulatedPerson, SimulationError};
 use crate::inference::{
-    ChoiceData, FitError, FitSettings, FittedProblem, Priors, Quantity, ReferenceRewardError,
-    default_reference_reward, fit, uninterrupted,
+    ChoiceData, FitSettings, FittedProblem, Priors, Quantity, default_reference_reward, fit,
+    uninterrupted,
 };
 use crate::model::{ChoiceModel, ChoiceProblem, Parameters, RiskAwareOptions, ln_probabilities};
 
@@ -77,7 +77,7 @@ impl Experiment {
     ///
     /// # Errors
     /// When nobody can be simulated, the settings allow no fit, or a draw gives no probabilities.
-    pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, CalibrationError> {
+    pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, SimulatedFitError> {
         let mut rng = random_stream(seed, self.first_stream + number);
         let options = self.model.options(self.settings.options);
         let reference_reward = match self.settings.reference_reward {
@@ -121,7 +121,7 @@ fn derived(
     data: &ChoiceData,
     parameters: &Parameters,
     options: RiskAwareOptions,
-) -> Result<Vec<(RankedQuantity, f64)>, CalibrationError> {
+) -> Result<Vec<(RankedQuantity, f64)>, SimulatedFitError> {
     let mut values = Vec::new();
     let mut seen: Vec<&ChoiceProblem> = Vec::new();
     let mut ln_likelihood = 0.0;
@@ -158,20 +158,6 @@ pub fn rank(truth: f64, draws: impl IntoIterator<Item = f64>, rng: &mut impl Rng
         equal += usize::from(draw == truth);
     }
     below + rng.random_range(0..=equal)
-}
-
-/// Why a replicate has no ranks.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum CalibrationError {
-    /// Nobody could be simulated, or a draw gives no probabilities.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-    /// There is no reference reward.
-    #[error(transparent)]
-    ReferenceReward(#[from] ReferenceRewardError),
-    /// There is no fit.
-    #[error(transparent)]
-    Fit(#[from] FitError),
 }
 
 #[cfg(test)]

@@ -7,5 +7,5 @@
 mod scenario;
 mod summary;
 
-pub use scenario::{RecoveredQuantity, RecoveryError, Replicate, Scenario, ScoreGap, Truth};
+pub use scenario::{RecoveredQuantity, Replicate, Scenario, ScoreGap, Truth};
 pub use summary::{QuantityRecovery, Recovery, Scale};

@@ -6,9 +6,9 @@ use rand::RngExt;
 
 use crate::inference::comparison::{ComparisonSettings, KnownFit, PlanData, Unit, compare_models};
 use crate::inference::sampler::random_stream;
-use crate::inference::simulated::{SimulatedPerson, SimulationError};
+use crate::inference::simulated::{SimulatedFitError, SimulatedPerson};
 use crate::inference::{
-    ChoiceData, Fit, FitError, FitSettings, FittedProblem, Quantity, ReferenceRewardError, Source,
+    ChoiceData, Fit, FitError, FitSettings, FittedProblem, Quantity, Source,
     default_reference_reward, fit, uninterrupted,
 };
 use crate::model::{ChoiceModel, Parameters};
@@ -81,7 +81,7 @@ impl Scenario {
     ///
     /// # Errors
     /// When nobody can be simulated, or the settings allow no fit.
-    pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, RecoveryError> {
+    pub fn replicate(&self, seed: u64, number: u64) -> Result<Replicate, SimulatedFitError> {
         let mut rng = random_stream(seed, number);
         let reference_reward = match self.settings.reference_reward {
             Some(reward) => reward,
@@ -176,20 +176,6 @@ fn score_gap(
             value: gap.difference.value,
             beyond_two_se: gap.difference.beyond_two_se,
         }))
-}
-
-/// Why a study was not simulated and fitted.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum RecoveryError {
-    /// Nobody could be simulated.
-    #[error(transparent)]
-    Simulation(#[from] SimulationError),
-    /// There is no reference reward.
-    #[error(transparent)]
-    ReferenceReward(#[from] ReferenceRewardError),
-    /// There is no fit.
-    #[error(transparent)]
-    Fit(#[from] FitError),
 }
 
 #[cfg(test)]
