@@ -144,10 +144,15 @@ pub(in crate::web::results) fn headline(
         )
     });
     let scores: Vec<String> = scores.collect();
+    let behind = if found.iter().any(|(plan, _)| plan.is_behind) {
+        "; newer answers are not in it yet"
+    } else {
+        ""
+    };
     Some((
         label,
         format!(
-            "held-out score, {} minus {}: {}",
+            "held-out score, {} minus {}: {}{behind}",
             RISK_AWARE.label,
             NOISY_RATIONAL.label,
             scores.join("; ")
