@@ -9,6 +9,7 @@ const loaders = {
   pending: async () => (await import("./pending.mjs")).Pending,
   sweeps: async () => (await import("./sweeps.mjs")).Sweeps,
   live: async () => (await import("./live.mjs")).Live,
+  replays: async () => (await import("./replays.mjs")).Replays,
 };
 
 async function start(element, name) {
