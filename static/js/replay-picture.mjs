@@ -14,8 +14,11 @@ export class ReplayPicture {
     const part = (name) => drawing.querySelector(`[data-part="${name}"]`);
     this.layers = part("layers");
     this.base = part("base");
+    this.shoulder = part("shoulder");
     this.upperArm = part("upper-arm");
+    this.upperLink = part("upper-link");
     this.forearm = part("forearm");
+    this.foreLink = part("fore-link");
     this.elbow = part("elbow");
     this.gripper = part("gripper");
     this.fingers = [part("finger-left"), part("finger-right")];
@@ -32,7 +35,9 @@ export class ReplayPicture {
   open(timeline) {
     this.timeline = timeline;
     this.viewer = towardsViewer(timeline.projection);
-    move(this.base, project(timeline.projection, timeline.arm.shoulder));
+    const shoulder = project(timeline.projection, timeline.arm.shoulder);
+    move(this.base, shoulder);
+    move(this.shoulder, shoulder);
   }
 
   draw(ms) {
@@ -48,8 +53,8 @@ export class ReplayPicture {
     const shoulder = project(projection, this.timeline.arm.shoulder);
     const wrist = project(projection, [gripper[0], gripper[1], gripper[2] + wristAbove]);
     const bend = project(projection, elbow);
-    this.upperArm.setAttribute("d", limb(shoulder, bend, 15, 11));
-    this.forearm.setAttribute("d", limb(bend, wrist, 11, 8));
+    this.upperLink.setAttribute("d", limb(shoulder, bend, 15, 11));
+    this.foreLink.setAttribute("d", limb(bend, wrist, 11, 8));
     place(this.elbow, bend);
     place(this.gripper, project(projection, gripper));
     const half = (projection.x[0] * opening) / 2000;
@@ -77,7 +82,7 @@ export class ReplayPicture {
     const near = (point) => nearness(this.viewer, point);
     const depth = new Map([
       [this.upperArm, Math.min(near(elbow), near(this.timeline.arm.shoulder))],
-      [this.gripper.parentNode, near(gripper) + handNearer],
+      [this.forearm, near(gripper) + handNearer],
       [this.handBehind, near(hand) - handNearer],
       [this.hand, near(hand) + handNearer],
       ...cups.map(({ at }, index) => [this.cups[index].element, near(at)]),
