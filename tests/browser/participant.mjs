@@ -1,5 +1,6 @@
 // A person in a browser: reads what is on the page and does what it asks.
 import assert from "node:assert/strict";
+import { watchAll } from "./replay.mjs";
 
 /** What kind of page is shown, judged by what stands on it. */
 export async function kind(page) {
@@ -7,6 +8,7 @@ export async function kind(page) {
   if (await page.locator("button[name=consent]").count()) return "consent";
   if (await page.locator("button[name=action]").count()) return "choice";
   if (await page.locator(".fields").count()) return "form";
+  if (await page.locator("[data-replay-player]").count()) return "replays";
   return "info";
 }
 
@@ -55,6 +57,10 @@ export async function finish(page, choose, seen = async () => {}) {
         await goOn(page, (await wanted.count()) ? wanted : page.locator("button[name=action]").first());
         break;
       }
+      case "replays":
+        await watchAll(page);
+        await goOn(page, page.locator("form .button--primary"));
+        break;
       default:
         await goOn(page, page.locator("form .button--primary"));
     }
