@@ -50,7 +50,7 @@ export class ReplayControls {
     const idle = !this.player.timeline;
     if (this.shown !== state) {
       this.shown = state;
-      this.toggle.textContent = playing ? "Pause" : state === "ended" ? "Play again" : "Play";
+      this.toggle.textContent = playing ? "Pause" : "Play";
       this.toggle.dataset.icon = playing ? "pause" : "play";
       for (const control of [this.toggle, this.restart, this.range]) control.disabled = idle;
       this.range.max = String(durationMs || 1);

@@ -4,7 +4,7 @@ import { momentAt, nearness, project, towardsViewer } from "./replay-timeline.mj
 // Millimetres and picture units of what the time line leaves to the picture.
 const wristAbove = 130;
 const graspReach = 70;
-const elbowOffPicture = [420, 640];
+const elbowOffPicture = [540, 860];
 const handNearer = 45;
 
 /** Draws moments of time lines into the scene of the table. The drawing stands in the page; this only moves its parts. */
