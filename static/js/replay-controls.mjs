@@ -43,10 +43,13 @@ export class ReplayControls {
     event.preventDefault();
   }
 
-  /** Shows the player's state and time; called for every picture, so it writes only what changed. */
+  /** Shows the player's state and time; called for every picture, but a playing slider moves ten times a second. */
   show() {
     const { state, timeMs, durationMs, frontierMs } = this.player;
     const playing = state === "playing";
+    const tenth = Math.floor(timeMs / 100);
+    if (playing && this.shown === state && this.tenth === tenth) return;
+    this.tenth = tenth;
     const idle = !this.player.timeline;
     if (this.shown !== state) {
       this.shown = state;

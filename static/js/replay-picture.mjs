@@ -118,12 +118,15 @@ class DrawnCup {
 
 /** Moves a part whose drawn place is told to whoever checks the picture. */
 function place(element, at, more = "") {
-  move(element, at, more);
-  element.dataset.at = `${at[0].toFixed(3)},${at[1].toFixed(3)}`;
+  if (move(element, at, more) || !element.dataset.at) element.dataset.at = `${at[0].toFixed(3)},${at[1].toFixed(3)}`;
 }
 
+/** What stands still is left alone: each write costs the browser style and layout. */
 function move(element, [right, down], more = "") {
-  element.setAttribute("transform", `translate(${right.toFixed(3)} ${down.toFixed(3)})${more}`);
+  const transform = `translate(${right.toFixed(3)} ${down.toFixed(3)})${more}`;
+  if (element.getAttribute("transform") === transform) return false;
+  element.setAttribute("transform", transform);
+  return true;
 }
 
 /** A link of the arm: wider where it starts. */

@@ -76,7 +76,7 @@ export class Replays {
   changed() {
     const { state, timeline, timeMs, frontierMs } = this.player;
     const before = this.element.dataset.state;
-    this.element.dataset.state = state;
+    if (before !== state) this.element.dataset.state = state;
     if (timeline) {
       this.draw(timeline, Math.round(timeMs));
       this.progress.played(this.current.replay, frontierMs);
