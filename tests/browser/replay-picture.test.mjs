@@ -1,8 +1,9 @@
 // The frames on the screen are the frames of the time line.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
+import { gzipSync } from "node:zlib";
 import { launch, open, phone, picture } from "./browser.mjs";
-import { becomes, drawnAt, openStopped, part, playNext, playThrough, press, reachReplays, scrub, timelineOf, told } from "./replay.mjs";
+import { becomes, drawnAt, listed, openStopped, part, playNext, playThrough, press, reachReplays, scrub, timelineOf, told } from "./replay.mjs";
 import { Server } from "./server.mjs";
 
 let server;
@@ -69,6 +70,15 @@ test("at any moment everything stands where the time line has it", async () => {
     await press(page, "Pause");
   }
   assert.deepEqual(page.faults, []);
+  await page.context().close();
+});
+
+test("every replay is told in under 60 kB", async () => {
+  const page = await openStopped(browser, server);
+  for (const { replay } of await listed(page)) {
+    const size = gzipSync(JSON.stringify(await timelineOf(page, replay))).length;
+    assert.ok(size < 60_000, `${replay}: ${size} bytes`);
+  }
   await page.context().close();
 });
 
