@@ -5,6 +5,7 @@
 //! * [`model`]: prospects, choice problems and the models that turn them into choice probabilities.
 //! * [`inference`]: what choices say about a model's parameters: posterior, diagnostics, accuracy, curves.
 //! * [`study`]: study files, the steps of a run, and the rules of time limits.
+//! * [`planning`]: tables at which a person and a robot work at the same time; replays of simulated ones.
 //! * [`store`]: the database, and the one writer through which answers enter it.
 //! * [`jobs`]: refits, and the closing of questions whose time ran out.
 //! * [`web`]: participant pages, results pages, JSON API.
@@ -17,6 +18,7 @@ pub mod clock;
 pub mod inference;
 pub mod jobs;
 pub mod model;
+pub mod planning;
 pub mod store;
 pub mod study;
 pub mod web;

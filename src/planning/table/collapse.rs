@@ -1,0 +1,175 @@
+//! How a pushed tower falls: rigid bodies in the tower's vertical plane.
+//!
+//! The only file that knows the physics engine (rapier, built for the same results on every machine). A collapse is
+//! computed at once, before it is shown.
+
+use rapier2d::prelude::*;
+
+use super::engine::TICK_MS;
+use super::geometry::{BOTTOM_RADIUS, CUP_HEIGHT, CUPS, MOUTH_RADIUS, Point, Pose, TABLE_END};
+use super::tower::{SlotId, TOWER_Y, Tower};
+
+/// A collapse that has not come to rest by then is not used, in milliseconds.
+pub const LONGEST_MS: u32 = 2500;
+/// A cup has left its slot when it is farther away than this, in metres: half the radius of a cup's bottom.
+const STILL_THERE: f64 = BOTTOM_RADIUS / 2.0;
+/// Cups slower than this, at every point, are at rest, in m/s: a third of a millimetre between two frames.
+const REST_SPEED: f32 = 0.01;
+/// For so many steps.
+const REST_STEPS: usize = 20;
+/// Farthest point of a cup from its middle, in metres.
+const EXTENT: f32 = 0.064;
+/// What a cup weighs matters only for the impulses between cups, which are all alike: kg/m² in the plane.
+const DENSITY: f32 = 4.0;
+/// Plastic on plastic and on a table top.
+const FRICTION: f32 = 0.35;
+/// Plastic cups bounce a little.
+const RESTITUTION: f32 = 0.15;
+
+/// The first push that a tower gets.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Push {
+    /// The slot whose cup is pushed; the cups above it lean along.
+    pub slot: SlotId,
+    /// Velocity that the pushed cup gets in m/s, positive to the right.
+    pub speed: f64,
+}
+
+/// A fall, step by step.
+#[derive(Debug, Clone)]
+pub struct Collapse {
+    steps: Vec<[Pose; CUPS]>,
+    standing: usize,
+}
+
+impl Collapse {
+    /// The cups that stood in slots 0 to 4, after `step` time steps of the engine. The last step holds for ever.
+    pub fn poses(&self, step: usize) -> [Pose; CUPS] {
+        self.steps[step.min(self.steps.len() - 1)]
+    }
+
+    /// How many steps it has, the first being the standing tower.
+    pub fn steps(&self) -> usize {
+        self.steps.len()
+    }
+
+    /// How many cups are still in their slots at the end.
+    pub fn standing(&self) -> usize {
+        self.standing
+    }
+}
+
+/// The fall of a tower after a push, or nothing if it does not fall or is not at rest within [`LONGEST_MS`].
+///
+/// A column has fallen when at most one cup stands in its slot, a pyramid when none of its upper cups does and at most two
+/// cups do at all.
+pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
+    let mut world = world();
+    let handles = SlotId::ALL.map(|slot| world.insert(body(tower, slot, push), cup()).0);
+    let mut steps = vec![SlotId::ALL.map(|slot| tower.pose(slot))];
+    let mut quiet = 0;
+    while quiet < REST_STEPS {
+        if steps.len() > (LONGEST_MS / TICK_MS) as usize {
+            return None;
+        }
+        world.step();
+        let before = steps[steps.len() - 1];
+        let bodies = handles.map(|handle| &world.bodies[handle]);
+        let mut slot = 0;
+        steps.push(bodies.map(|body| {
+            let pose = pose(body, before[slot].tilt);
+            slot += 1;
+            pose
+        }));
+        let is_slow =
+            |body: &RigidBody| body.linvel().length() + body.angvel().abs() * EXTENT < REST_SPEED;
+        quiet = if bodies.into_iter().all(is_slow) {
+            quiet + 1
+        } else {
+            0
+        };
+    }
+    let last = steps[steps.len() - 1];
+    let stands = |slot: SlotId| is_in_slot(tower, slot, last[slot.index()]);
+    let standing = SlotId::ALL.into_iter().filter(|slot| stands(*slot)).count();
+    let has_fallen = match tower {
+        Tower::Unstable => standing <= 1,
+        Tower::Stable => standing <= 2 && !SlotId::ALL[3..].iter().any(|slot| stands(*slot)),
+    };
+    has_fallen.then_some(Collapse { steps, standing })
+}
+
+/// A cup with this pose still stands in its slot: where it stood, and upright.
+pub fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
+    let meant = tower.pose(slot);
+    pose.position.distance(meant.position) < STILL_THERE && (pose.tilt - meant.tilt).abs() < 10.0
+}
+
+/// The table top between two walls that nobody sees, at cup scale: contacts are as exact as a tenth of a millimetre.
+fn world() -> PhysicsWorld {
+    let mut world = PhysicsWorld::default();
+    world.integration_parameters.dt = TICK_MS as f32 / 1000.0;
+    world.integration_parameters.length_unit = 0.1;
+    world.integration_parameters.num_solver_iterations = 8;
+    let end = TABLE_END as f32;
+    let wall = 0.1;
+    for (x, y, half_width, half_height) in [
+        (0.0, -wall, end + wall, wall),
+        (-end - wall, 1.0, wall, 1.0),
+        (end + wall, 1.0, wall, 1.0),
+    ] {
+        world.insert(
+            RigidBodyBuilder::fixed().translation(Vector::new(x, y)),
+            ColliderBuilder::cuboid(half_width, half_height).friction(FRICTION),
+        );
+    }
+    world
+}
+
+fn body(tower: Tower, slot: SlotId, push: Push) -> RigidBodyBuilder {
+    let pose = tower.pose(slot);
+    let pushed = tower.pose(push.slot);
+    let rise = (pose.position.z - pushed.position.z) / CUP_HEIGHT;
+    // Cups above the pushed one go along, the higher the faster; the others stand until they are hit.
+    let velocity = if slot == push.slot {
+        push.speed
+    } else if rise > 0.5 {
+        push.speed * (1.0 + 0.35 * rise)
+    } else {
+        0.0
+    };
+    let turning = -velocity / 0.5;
+    RigidBodyBuilder::dynamic()
+        .translation(Vector::new(pose.position.x as f32, pose.position.z as f32))
+        .rotation(-(pose.tilt as f32).to_radians())
+        .linvel(Vector::new(velocity as f32, 0.0))
+        .angvel(turning as f32)
+        .can_sleep(false)
+        .ccd_enabled(true)
+}
+
+fn cup() -> ColliderBuilder {
+    let half = CUP_HEIGHT as f32 / 2.0;
+    let (mouth, bottom) = (MOUTH_RADIUS as f32, BOTTOM_RADIUS as f32);
+    ColliderBuilder::convex_hull(&[
+        Vector::new(-mouth, -half),
+        Vector::new(mouth, -half),
+        Vector::new(bottom, half),
+        Vector::new(-bottom, half),
+    ])
+    .expect("four corners of a trapezoid have a hull")
+    .density(DENSITY)
+    .friction(FRICTION)
+    .restitution(RESTITUTION)
+}
+
+/// The pose of a body, its tilt counted on from the step before.
+fn pose(body: &RigidBody, before: f64) -> Pose {
+    let place = body.translation();
+    let angle = -f64::from(body.rotation().angle().to_degrees());
+    let turns = ((before - angle) / 360.0).round();
+    Pose {
+        position: Point::new(f64::from(place.x), TOWER_Y, f64::from(place.y)),
+        tilt: angle + 360.0 * turns,
+    }
+}
