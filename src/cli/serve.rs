@@ -18,7 +18,7 @@ use crate::{
     jobs::{self, Catalogue, Sweeps},
     store::{Options, Population, Store},
     study,
-    web::{self, AppState, Settings},
+    web::{self, AppState, Replays, Settings},
 };
 
 /// Settings of the server.
@@ -85,6 +85,7 @@ impl Server {
         let stop = CancellationToken::new();
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
+            replays: Arc::new(Replays::default()),
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),

@@ -5,7 +5,7 @@ use std::{collections::HashMap, sync::Arc};
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
     store::{self, Store, VersionId},
-    study::{ParseError, Study, StudyId, built_in},
+    study::{ParseError, ReplayId, Study, StudyId, built_in, step::NamedReplay},
 };
 
 /// All served studies by id and version. They do not change while the server runs.
@@ -131,6 +131,14 @@ impl Catalogue {
     /// One version of one study, for runs that began with it.
     pub fn version(&self, version: VersionId) -> Option<Arc<Study>> {
         self.versions.get(&version).cloned()
+    }
+
+    /// The replay of this name, if a version that people may be taking shows it.
+    pub fn replay(&self, id: &ReplayId) -> Option<&NamedReplay> {
+        self.versions
+            .values()
+            .flat_map(|study| study.replays())
+            .find(|shown| shown.id == *id)
     }
 
     /// The current versions, in the order in which the files were given.

@@ -364,6 +364,7 @@ impl Batch {
                 Reply::Agreed
                 | Reply::Declined
                 | Reply::Continued
+                | Reply::Watched { .. }
                 | Reply::GaveUp
                 | Reply::Filled { .. },
             )

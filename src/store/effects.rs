@@ -143,6 +143,7 @@ impl NewAnswer {
         let (action, value) = match body.map(|body| (&body.reply, &body.consent_version)) {
             Some((Reply::Chose { action }, _)) => (Some(action.to_string()), None),
             Some((Reply::Filled { values }, _)) => (None, Some(json(values))),
+            Some((Reply::Watched { viewings }, _)) => (None, Some(json(viewings))),
             Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref()))),
             Some((Reply::Declined, version)) => (None, Some(consent(false, version.as_deref()))),
             Some((Reply::Continued | Reply::GaveUp, _)) | None => (None, None),

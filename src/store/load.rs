@@ -164,6 +164,7 @@ pub(super) fn step_kind(text: &str) -> Result<StepKind, sqlx::Error> {
     let kinds = [
         StepKind::Consent,
         StepKind::Info,
+        StepKind::Replays,
         StepKind::Choice,
         StepKind::Form,
         StepKind::Thanks,

@@ -2,7 +2,9 @@
 
 use std::ops::Range;
 
-use super::step::{ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText};
+use super::step::{
+    ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
+};
 use super::{
     Baseline, BlockId, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
     Sequential, StudyId, parse,
@@ -130,7 +132,21 @@ impl Study {
     pub fn declined_page(&self) -> Option<DeclinedPage<'_>> {
         self.blocks.iter().find_map(|block| match &block.body {
             BlockBody::Consent(text) => Some(text.step().declined),
-            BlockBody::Info(_) | BlockBody::Choice(_) | BlockBody::Form(_) => None,
+            BlockBody::Info(_)
+            | BlockBody::Replays(_)
+            | BlockBody::Choice(_)
+            | BlockBody::Form(_) => None,
+        })
+    }
+
+    /// The replays that its blocks show, in file order.
+    pub fn replays(&self) -> impl Iterator<Item = &NamedReplay> {
+        self.blocks.iter().flat_map(|block| match &block.body {
+            BlockBody::Replays(text) => text.replays.as_slice(),
+            BlockBody::Consent(_)
+            | BlockBody::Info(_)
+            | BlockBody::Choice(_)
+            | BlockBody::Form(_) => &[],
         })
     }
 
@@ -269,6 +285,7 @@ pub(super) struct Block {
 pub(super) enum BlockBody {
     Consent(ConsentText),
     Info(InfoText),
+    Replays(ReplaysText),
     Choice(Choices),
     Form(FormText),
 }

@@ -7,7 +7,8 @@ use rand::seq::SliceRandom;
 use serde::{Deserialize, Serialize};
 
 use super::definition::{BlockBody, Choices, Order, Study, Unit};
-use super::{ActionId, BlockId, FactorId, LevelId, QuestionId};
+use super::step::ReplaysText;
+use super::{ActionId, BlockId, FactorId, LevelId, QuestionId, ReplayId};
 
 /// What kind of step it is: the name under which it is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,6 +18,8 @@ pub enum StepKind {
     Consent,
     /// Tells something; a button goes on.
     Info,
+    /// Shows replays of towers being built.
+    Replays,
     /// Asks to choose an action.
     Choice,
     /// Asks to fill in fields.
@@ -31,6 +34,7 @@ impl StepKind {
         match self {
             Self::Consent => "consent",
             Self::Info => "info",
+            Self::Replays => "replays",
             Self::Choice => "choice",
             Self::Form => "form",
             Self::Thanks => "thanks",
@@ -66,6 +70,9 @@ pub struct StepData {
     /// The order in which the actions stand on the page.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actions: Vec<ActionId>,
+    /// The order in which replays are shown.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub replays: Vec<ReplayId>,
     /// Which question of its block this is, counted from 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub number: Option<usize>,
@@ -89,6 +96,7 @@ impl Study {
                 BlockBody::Consent(_) => steps.push(plain_step(StepKind::Consent, &block.id)),
                 BlockBody::Info(_) => steps.push(plain_step(StepKind::Info, &block.id)),
                 BlockBody::Form(_) => steps.push(plain_step(StepKind::Form, &block.id)),
+                BlockBody::Replays(text) => steps.push(draw_replays(&block.id, text, rng)),
                 BlockBody::Choice(choices) => {
                     if choices.start.is_some() {
                         steps.push(plain_step(StepKind::Info, &block.id));
@@ -143,6 +151,7 @@ impl Study {
                         } else {
                             actions
                         },
+                        replays: Vec::new(),
                         number: Some(position + 1),
                         of: Some(of),
                     },
@@ -167,6 +176,20 @@ impl ActionOrders {
             })
             .clone()
     }
+}
+
+fn draw_replays(block: &BlockId, text: &ReplaysText, rng: &mut impl Rng) -> StepPlan {
+    let mut replays: Vec<ReplayId> = text
+        .replays
+        .iter()
+        .map(|replay| replay.id.clone())
+        .collect();
+    if text.order == Order::Random {
+        replays.shuffle(rng);
+    }
+    let mut step = plain_step(StepKind::Replays, block);
+    step.data.replays = replays;
+    step
 }
 
 fn plain_step(kind: StepKind, block: &BlockId) -> StepPlan {

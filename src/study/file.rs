@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 
 use super::definition::Order;
 use super::template::{Scalar, Values};
+use crate::planning::table::{Outcome, Tower};
 
 /// The whole file. Blocks are read one by one, each as its kind says.
 #[derive(Debug, Deserialize)]
@@ -123,6 +124,27 @@ pub(super) struct RawInfo {
     pub(super) text: String,
     pub(super) scene: Option<String>,
     pub(super) button: String,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawReplays {
+    pub(super) id: String,
+    pub(super) title: String,
+    #[serde(default)]
+    pub(super) text: String,
+    pub(super) button: String,
+    #[serde(default)]
+    pub(super) order: Order,
+    pub(super) replay: Vec<RawReplay>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawReplay {
+    pub(super) tower: Tower,
+    pub(super) outcome: Outcome,
+    pub(super) seed: i64,
 }
 
 #[derive(Debug, Deserialize)]

@@ -87,6 +87,8 @@ text_ids! {
     QuestionId,
     /// A cell: level ids in factor order joined by `/`, such as `explicit/timed/low`.
     CellId,
+    /// A replay of a replays block, such as `unstable-falls-7`.
+    ReplayId,
     /// A fit plan, such as `risk`.
     PlanId,
     /// A part of a fit plan, such as `low` of the plan `risk`.

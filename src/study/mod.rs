@@ -39,7 +39,9 @@ pub use definition::{
 };
 pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;
-pub use id::{ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, StudyId};
+pub use id::{
+    ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, ReplayId, StudyId,
+};
 pub use instructed::InstructedItem;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,

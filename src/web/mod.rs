@@ -10,6 +10,7 @@ mod guard;
 mod headers;
 mod home;
 mod participant;
+mod replays;
 mod results;
 mod server;
 
@@ -33,6 +34,7 @@ use tower_http::{
 
 pub use self::{
     error::{ApiError, Error},
+    replays::Replays,
     results::FitReportPage,
     server::serve,
 };
@@ -60,6 +62,8 @@ pub struct AppState {
     pub settings: Arc<Settings>,
     /// Simulated sweeps, computed when somebody asks for them.
     pub sweeps: Arc<Sweeps>,
+    /// The replays that studies show, computed when somebody first watches one.
+    pub replays: Arc<Replays>,
     /// Cancelled when the server stops, so that event streams end.
     pub stop: CancellationToken,
 }
@@ -96,6 +100,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .route("/healthz", get(health))
         .merge(home::router())
         .merge(participant::router())
+        .merge(replays::router())
         .merge(results)
         .merge(assets::router())
         .fallback(|| async { Error::NotFound("page") })

@@ -7,9 +7,9 @@ use riskaware::{
     chance::Chance,
     clock::Clock,
     jobs::{Catalogue, Sweeps},
-    store::{AnswerKey, AnswerRow, Options, Population, Store},
+    store::{AnswerKey, AnswerRow, Options, Population, Store, Token},
     study::{self, Timestamp},
-    web::{self, AppState, Settings},
+    web::{self, AppState, Replays, Settings},
 };
 use scraper::{Html, Selector};
 use tokio::{net::TcpListener, task::JoinHandle};
@@ -51,6 +51,7 @@ impl App {
                 population: Population::People,
             }),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
+            replays: Arc::new(Replays::default()),
             stop: stop.clone(),
         };
         let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0)))
@@ -72,7 +73,12 @@ impl App {
 
     /// Somebody who followed the study's link and pressed the button.
     pub async fn participant(&self, query: &str) -> Participant {
-        let landing = self.get(&format!("/s/driving{query}")).await;
+        self.participant_of(&format!("/s/driving{query}")).await
+    }
+
+    /// The same at the link of any study.
+    pub async fn participant_of(&self, link: &str) -> Participant {
+        let landing = self.get(link).await;
         let action = landing
             .attribute("form", "action")
             .expect("the landing page has a button");
@@ -148,6 +154,16 @@ impl Page {
             .map(str::to_owned)
     }
 
+    /// An attribute of all elements that the selector finds, in their order.
+    pub fn attributes(&self, selector: &str, name: &str) -> Vec<String> {
+        let selector = Selector::parse(selector).unwrap();
+        Html::parse_document(&self.html)
+            .select(&selector)
+            .filter_map(|element| element.attr(name))
+            .map(str::to_owned)
+            .collect()
+    }
+
     pub fn text(&self, selector: &str) -> Option<String> {
         let selector = Selector::parse(selector).unwrap();
         let text: String = Html::parse_document(&self.html)
@@ -156,6 +172,15 @@ impl Page {
             .text()
             .collect();
         Some(text.trim().to_owned())
+    }
+
+    /// The texts of all elements that the selector finds.
+    pub fn texts(&self, selector: &str) -> Vec<String> {
+        let selector = Selector::parse(selector).unwrap();
+        Html::parse_document(&self.html)
+            .select(&selector)
+            .map(|element| element.text().collect::<String>().trim().to_owned())
+            .collect()
     }
 
     pub fn field(&self, name: &str) -> String {
@@ -209,6 +234,12 @@ impl Participant {
     pub async fn reloads(&mut self) -> &Page {
         self.page = Page::of(self.client.get(&self.link).send().await.unwrap()).await;
         &self.page
+    }
+
+    /// What the link holds in secret.
+    pub fn token(&self) -> Token {
+        let (_, token) = self.link.rsplit_once('/').expect("a link ends in its token");
+        token.parse().expect("the server made it")
     }
 
     pub fn block(&self) -> Option<String> {

@@ -44,6 +44,7 @@ pub async fn completes(
         let (reply, consent_version) = match study.step(plan).unwrap() {
             Step::Consent(consent) => (Reply::Agreed, Some(consent.version.to_owned())),
             Step::Info(_) => (Reply::Continued, None),
+            Step::Replays(_) => (Reply::Watched { viewings: vec![] }, None),
             Step::Choice(choice) => {
                 let actions: Vec<ActionId> = choice
                     .actions

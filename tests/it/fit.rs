@@ -342,6 +342,75 @@ fn what_no_choice_depends_on_keeps_its_prior() {
     assert_eq!(parameter(&fit, "beta").source, Source::Choices);
 }
 
+const STABLE: Outcomes = &[(1.0, 20.0)];
+const UNSTABLE: Outcomes = &[(0.8, 0.0), (0.2, 105.0)];
+
+/// 42 of 50 build the stable tower: the cup study's pattern. There are only gains, so nothing is learned of losses.
+#[test]
+fn accuracy_of_the_cup_study_and_what_it_leaves_open() {
+    let settings = FitSettings {
+        samples: 1_300,
+        ..FitSettings::default()
+    };
+    let data = cells(&[(
+        "untimed",
+        &[("stable", STABLE), ("unstable", UNSTABLE)],
+        &[42, 8],
+    )]);
+    let noisy_rational = fitted(&NOISY_RATIONAL, &data, &settings);
+    let ln_kl = &noisy_rational.accuracy[0].ln_kl;
+    assert!((ln_kl.mean.unwrap() - -1.34).abs() < 0.01, "{ln_kl:?}");
+    assert!((ln_kl.sd.unwrap() - 0.04).abs() < 0.02, "{ln_kl:?}");
+
+    let risk_aware = fitted(&RISK_AWARE, &data, &settings);
+    let ln_kl = &risk_aware.accuracy[0].ln_kl;
+    assert!(ln_kl.samples >= 1_000, "{ln_kl:?}");
+    assert!(
+        (-6.1..=-5.5).contains(&ln_kl.mean.unwrap()),
+        "{ln_kl:?}"
+    );
+    assert!((ln_kl.sd.unwrap() - 2.2).abs() < 0.3, "{ln_kl:?}");
+
+    // Four Monte-Carlo errors of a mean and of a variance, on a scale where the prior is uniform or normal.
+    let standard: [(Parameter, fn(f64) -> f64, f64); 3] = [
+        // uniform(0, 1), uniform(0.28, 1) and ln N(ln 1.5, 0.75), each with mean 0 and variance 1; and their kurtosis
+        (Parameter::Beta, |beta| (beta - 0.5) * 12_f64.sqrt(), 1.8),
+        (
+            Parameter::Delta,
+            |delta| (delta - 0.64) / 0.72 * 12_f64.sqrt(),
+            1.8,
+        ),
+        (
+            Parameter::Lambda,
+            |lambda| (lambda / 1.5).ln() / 0.75,
+            3.0,
+        ),
+    ];
+    for (name, standardise, kurtosis) in standard {
+        let found = parameter(&risk_aware, name.key());
+        assert_eq!((found.source, found.informed), (Source::Prior, false));
+        let draws: Vec<f64> = risk_aware
+            .draws
+            .column(Quantity::Parameter(name))
+            .unwrap()
+            .iter()
+            .map(|value| standardise(*value))
+            .collect();
+        let n = found.ess_bulk.min(draws.len() as f64);
+        let mean = draws.iter().sum::<f64>() / draws.len() as f64;
+        let square = draws.iter().map(|z| z * z).sum::<f64>() / draws.len() as f64;
+        assert!(mean.abs() < 4.0 / n.sqrt(), "{}: {mean}", name.key());
+        assert!(
+            (square - 1.0).abs() < 4.0 * ((kurtosis - 1.0) / n).sqrt(),
+            "{}: {square}",
+            name.key()
+        );
+    }
+    for name in ["alpha", "gamma"] {
+        assert_eq!(parameter(&risk_aware, name).source, Source::Choices);
+    }
+}
+
 /// Without an answer there is nothing but the prior.
 #[test]
 fn without_answers_the_posterior_is_the_prior() {

@@ -8,6 +8,7 @@ mod catalogue;
 mod comparison;
 mod crash;
 mod crowd;
+mod cups;
 mod evidence;
 mod fit;
 mod fit_command;

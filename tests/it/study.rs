@@ -1,5 +1,6 @@
 //! Study files: what they say, what is refused, and the runs drawn from them.
 
+mod cups;
 mod driving;
 mod lab;
 mod refused;

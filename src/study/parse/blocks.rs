@@ -4,7 +4,7 @@ use serde::de::DeserializeOwned;
 
 use super::cells::AskedCell;
 use super::design::Design;
-use super::{choices, forms, rules};
+use super::{choices, forms, replays, rules};
 use crate::study::definition::{Block, BlockBody};
 use crate::study::document::{Document, Fault, KeyPath, did_you_mean, list};
 use crate::study::draw::THANKS_BLOCK;
@@ -14,7 +14,7 @@ use crate::study::template::Scope;
 use crate::study::{Baseline, BlockId, ParseError};
 
 /// The kinds of blocks.
-const KINDS: [&str; 4] = ["consent", "info", "choice", "form"];
+const KINDS: [&str; 5] = ["consent", "info", "replays", "choice", "form"];
 
 /// What all blocks together ask.
 #[derive(Default)]
@@ -84,6 +84,11 @@ impl Reader<'_> {
                 let raw: RawInfo = self.table(at)?;
                 let id = block_id(&raw.id, at).map_err(refuse)?;
                 Ok((id, BlockBody::Info(info(&raw, &scope, at).map_err(refuse)?)))
+            }
+            Some("replays") => {
+                let raw = self.table(at)?;
+                let (id, replays) = replays::read(&raw, &scope, at).map_err(refuse)?;
+                Ok((id, BlockBody::Replays(replays)))
             }
             Some("form") => {
                 let raw = self.table(at)?;

@@ -1,7 +1,7 @@
 //! From text to a checked study.
 //!
-//! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices` and
-//! `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers,
+//! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices`,
+//! `replays` and `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers,
 //! `sequential` for when there are enough of them.
 
 mod blocks;
@@ -11,6 +11,7 @@ mod design;
 mod fits;
 mod forms;
 mod problem;
+mod replays;
 mod rules;
 mod sequential;
 

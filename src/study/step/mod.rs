@@ -6,6 +6,7 @@ mod choice;
 mod consent;
 mod form;
 mod info;
+mod replays;
 mod thanks;
 
 use std::collections::BTreeMap;
@@ -20,11 +21,13 @@ pub(super) use form::FormText;
 pub use form::{Field, FieldKind, FieldOption, FormStep};
 pub use info::InfoStep;
 pub(super) use info::InfoText;
+pub(super) use replays::ReplaysText;
+pub use replays::{NamedReplay, ReplaysStep, Viewing};
 pub use thanks::ThanksStep;
 
 use super::definition::{Block, BlockBody, Study};
 use super::draw::THANKS_BLOCK;
-use super::{ActionId, BlockId, QuestionId, StepKind, StepPlan};
+use super::{ActionId, BlockId, QuestionId, ReplayId, StepKind, StepPlan};
 
 /// What a page posted: the fields of one form by name.
 pub type Fields = BTreeMap<String, String>;
@@ -36,6 +39,8 @@ pub enum Step<'a> {
     Consent(ConsentStep<'a>),
     /// Tells something; a button goes on.
     Info(InfoStep<'a>),
+    /// Shows replays of towers being built.
+    Replays(ReplaysStep<'a>),
     /// Asks to choose an action.
     Choice(ChoiceStep<'a>),
     /// Asks to fill in fields.
@@ -54,6 +59,11 @@ pub enum Reply {
     Declined,
     /// Read an info step and went on.
     Continued,
+    /// Watched the replays of a step.
+    Watched {
+        /// One for each replay; none from a page without scripts, which tells in words what happened.
+        viewings: Vec<Viewing>,
+    },
     /// Chose an action.
     Chose {
         /// The action, one of those that the step offers.
@@ -101,6 +111,14 @@ pub enum StepError {
         /// The question named by the step.
         question: Option<QuestionId>,
     },
+    /// The stored order of replays is not one of those that the block shows.
+    #[error("block {block} has no such order of replays: {replays:?}")]
+    Replays {
+        /// The block.
+        block: BlockId,
+        /// The stored order.
+        replays: Vec<ReplayId>,
+    },
     /// The stored order of actions names other actions than the question has.
     #[error("question {question} of block {block} has no such order of actions: {actions:?}")]
     Actions {
@@ -124,6 +142,7 @@ impl Step<'_> {
         match self {
             Self::Consent(step) => step.read(fields),
             Self::Info(_) => Ok(Reply::Continued),
+            Self::Replays(step) => step.read(fields),
             Self::Choice(step) => step.read(fields),
             Self::Form(step) => step.read(fields),
             Self::Thanks(step) => step.read(),
@@ -165,6 +184,9 @@ fn step_of_block<'a>(block: &'a Block, plan: &StepPlan) -> Option<Result<Step<'a
             .start
             .as_ref()
             .map(|text| Ok(Step::Info(text.step()))),
+        (StepKind::Replays, BlockBody::Replays(text)) => {
+            Some(ReplaysStep::new(&block.id, text, plan).map(Step::Replays))
+        }
         (StepKind::Choice, BlockBody::Choice(choices)) => {
             Some(ChoiceStep::new(&block.id, &choices.questions, plan).map(Step::Choice))
         }
@@ -172,10 +194,15 @@ fn step_of_block<'a>(block: &'a Block, plan: &StepPlan) -> Option<Result<Step<'a
         (
             StepKind::Consent
             | StepKind::Info
+            | StepKind::Replays
             | StepKind::Choice
             | StepKind::Form
             | StepKind::Thanks,
-            BlockBody::Consent(_) | BlockBody::Info(_) | BlockBody::Choice(_) | BlockBody::Form(_),
+            BlockBody::Consent(_)
+            | BlockBody::Info(_)
+            | BlockBody::Replays(_)
+            | BlockBody::Choice(_)
+            | BlockBody::Form(_),
         ) => None,
     }
 }

@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use crate::{
     store::{StepView, Token},
     study::{
-        Completion, StepPlan, Timestamp,
+        Completion, ReplayId, StepPlan, Timestamp,
         step::{
             ChoiceStep, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep,
-            InfoStep,
+            InfoStep, ReplaysStep,
         },
     },
     web::assets,
@@ -87,6 +87,25 @@ pub(super) struct InfoPage<'a> {
     pub run: RunLink<'a>,
     pub text: InfoStep<'a>,
     pub scene: Option<&'static str>,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/replays.html")]
+pub(super) struct ReplaysPage<'a> {
+    pub run: RunLink<'a>,
+    pub text: ReplaysStep<'a>,
+    /// In the order of this run.
+    pub replays: Vec<ReplayView>,
+    pub errors: Vec<FieldError>,
+}
+
+/// A replay as its page lists it.
+pub(super) struct ReplayView {
+    pub id: ReplayId,
+    pub url: String,
+    pub seconds: u64,
+    /// What happens in it, for a page without scripts and for the transcript.
+    pub description: String,
 }
 
 #[derive(Template, WebTemplate)]

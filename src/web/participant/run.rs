@@ -16,19 +16,19 @@ use super::{
     arrival::read_token,
     pages::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, Outcome, PageClock, Rejected,
-        RunLink, ThanksPage, scene,
+        ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
     },
     withdrawal::withdrawn,
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
+    store::{Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
     study::{
-        CompletionCode, Step, Study,
-        step::{ClientTiming, FieldError, Fields},
+        CompletionCode, Reply, Step, Study,
+        step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
-    web::{AppState, Error},
+    web::{AppState, Error, Replays, replays},
 };
 
 /// GET `/r/TOKEN`: the page that this person is at.
@@ -156,6 +156,7 @@ pub(super) struct RunPages {
     store: Store,
     catalogue: Arc<Catalogue>,
     chance: Chance,
+    replays: Arc<Replays>,
 }
 
 impl axum::extract::FromRef<AppState> for RunPages {
@@ -164,6 +165,7 @@ impl axum::extract::FromRef<AppState> for RunPages {
             store: state.store.clone(),
             catalogue: state.catalogue.clone(),
             chance: state.chance.clone(),
+            replays: state.replays.clone(),
         }
     }
 }
@@ -182,15 +184,69 @@ impl RunPages {
         let step = study.step(&plan)?;
         let consent_version = match &step {
             Step::Consent(consent) => Some(consent.version.to_owned()),
-            Step::Info(_) | Step::Choice(_) | Step::Form(_) | Step::Thanks(_) => None,
+            Step::Info(_)
+            | Step::Replays(_)
+            | Step::Choice(_)
+            | Step::Form(_)
+            | Step::Thanks(_) => None,
         };
-        Ok(step.read(fields).map(|reply| Submission {
+        let reply = match (step.read(fields), &step) {
+            (Ok(reply), Step::Replays(shown)) => self.watched(run, position, shown, reply).await?,
+            (read, _) => read,
+        };
+        Ok(reply.map(|reply| Submission {
             position,
             key,
             reply,
             timing: ClientTiming::read(fields),
             consent_version,
         }))
+    }
+
+    /// Nobody has seen all replays before as much time has passed as they last. What a page says of it is not enough;
+    /// simulated people, who watch nothing, need no time.
+    async fn watched(
+        &self,
+        run: &RunView,
+        position: u32,
+        shown: &ReplaysStep<'_>,
+        reply: Reply,
+    ) -> Result<Result<Reply, Vec<FieldError>>, Error> {
+        let Some(step) = run.step.as_ref().filter(|step| step.position == position) else {
+            return Ok(Ok(reply));
+        };
+        let mut lasts_ms = 0;
+        for replay in &shown.replays {
+            lasts_ms += self.replays.played(replay).await?.duration_ms;
+        }
+        let passed_ms = step.shown_at.map_or(0, |shown_at| {
+            self.store.clock().now().millis_since(shown_at)
+        });
+        let missing_s = lasts_ms.saturating_sub(passed_ms).div_ceil(1000);
+        if missing_s == 0 || run.population == Population::Simulated {
+            return Ok(Ok(reply));
+        }
+        Ok(Err(vec![FieldError {
+            field: "viewings".to_owned(),
+            message: format!(
+                "All replays together last {} seconds. You can go on in {missing_s} seconds.",
+                lasts_ms.div_ceil(1000)
+            ),
+        }]))
+    }
+
+    async fn replay_views(&self, step: &ReplaysStep<'_>) -> Result<Vec<ReplayView>, Error> {
+        let mut views = Vec::with_capacity(step.replays.len());
+        for named in &step.replays {
+            let played = self.replays.played(named).await?;
+            views.push(ReplayView {
+                id: named.id.clone(),
+                url: replays::url(&named.id),
+                seconds: played.duration_ms.div_ceil(1000),
+                description: played.description.clone(),
+            });
+        }
+        Ok(views)
     }
 
     fn study(&self, run: &RunView) -> Result<Arc<Study>, Error> {
@@ -230,6 +286,13 @@ impl RunPages {
                 run: self.link(token, run, shown),
                 scene: scene(text.scene),
                 text,
+            }
+            .into_response()),
+            (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
+                run: self.link(token, run, shown),
+                replays: self.replay_views(&text).await?,
+                text,
+                errors: rejected.errors,
             }
             .into_response()),
             (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {

@@ -223,6 +223,7 @@ proptest! {
             let kind = match step {
                 Step::Consent(_) => StepKind::Consent,
                 Step::Info(_) => StepKind::Info,
+                Step::Replays(_) => StepKind::Replays,
                 Step::Choice(_) => StepKind::Choice,
                 Step::Form(_) => StepKind::Form,
                 Step::Thanks(_) => StepKind::Thanks,
@@ -349,6 +350,14 @@ fn write_step(page: &mut String, step: &Step<'_>) {
             for action in &step.actions {
                 writeln!(page, "[{}] {}", action.label, action.detail).unwrap();
             }
+        }
+        Step::Replays(step) => {
+            writeln!(
+                page,
+                "{}\n{}{:?}[{}]",
+                step.title, step.text_html, step.replays, step.button
+            )
+            .unwrap();
         }
         Step::Form(step) => {
             writeln!(page, "{}\n{}", step.title, step.text_html).unwrap();
