@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { desktop, launch, open, phone, picture } from "./browser.mjs";
 import { finish, goOn, kind } from "./participant.mjs";
-import { becomes, listed, part, press, reachReplays, watchAll } from "./replay.mjs";
+import { becomes, listed, part, reachReplays, watchAll } from "./replay.mjs";
 import { Server } from "./server.mjs";
 
 let server;
@@ -47,7 +47,7 @@ async function takesPart(name, viewport, action) {
   assert.ok(await page.locator("form button[name=continue]").isDisabled());
 
   await watchAll(page);
-  await press(page, "From the start");
+  await part(page, "restart").click();
   await becomes(page, "playing");
   await part(page, "toggle").click();
   await picture(page, `cups-${name}-2-watched`);
