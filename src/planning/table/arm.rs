@@ -6,7 +6,7 @@ use super::geometry::Point;
 pub const SHOULDER: Point = Point::new(0.05, 0.76, 0.20);
 
 /// Length of the upper and of the lower arm in metres.
-const LINK: f64 = 0.42;
+const LINK: f64 = 0.38;
 
 /// The elbow for a gripper position: above the line from shoulder to gripper, in the vertical plane that holds both.
 ///

@@ -17,6 +17,8 @@ const STILL_THERE: f64 = BOTTOM_RADIUS / 2.0;
 const REST_SPEED: f32 = 0.01;
 /// For so many steps.
 const REST_STEPS: usize = 20;
+/// Steps of the physics in one step of the engine: fewer let cups sink visibly into what they hit.
+const SUBSTEPS: usize = 4;
 /// Farthest point of a cup from its middle, in metres.
 const EXTENT: f32 = 0.064;
 /// What a cup weighs matters only for the impulses between cups, which are all alike: kg/m² in the plane.
@@ -26,13 +28,37 @@ const FRICTION: f32 = 0.35;
 /// Plastic cups bounce a little.
 const RESTITUTION: f32 = 0.15;
 
-/// The first push that a tower gets.
+/// The first push that a tower gets: velocities to the right, for one cup and, layer by layer, for those above and below.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Push {
-    /// The slot whose cup is pushed; the cups above it lean along.
+    /// The slot whose cup is pushed.
     pub slot: SlotId,
-    /// Velocity that the pushed cup gets in m/s, positive to the right.
+    /// Velocity of that cup in m/s.
     pub speed: f64,
+    /// What each layer above adds to the velocity, as a share of `speed`; negative where the upper cups lag behind.
+    pub above: f64,
+    /// What each layer below adds, likewise; cups below −1 move the other way, and the tower buckles.
+    pub below: f64,
+}
+
+impl Push {
+    /// The same push, so many times as strong.
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            speed: self.speed * factor,
+            ..self
+        }
+    }
+
+    /// Velocity in m/s and turning, clockwise, in rad/s of a cup this many layers above the pushed one.
+    fn given_to(self, layers: f64) -> (f64, f64) {
+        let (share, slope) = if layers > 0.0 {
+            (1.0 + self.above * layers, self.above)
+        } else {
+            (1.0 - self.below * layers, -self.below)
+        };
+        (self.speed * share, self.speed * slope / CUP_HEIGHT)
+    }
 }
 
 /// A fall, step by step.
@@ -53,7 +79,7 @@ impl Collapse {
         self.steps.len()
     }
 
-    /// How many cups are still in their slots at the end.
+    /// How many slots hold a cup at the end, be it another one.
     pub fn standing(&self) -> usize {
         self.standing
     }
@@ -61,8 +87,8 @@ impl Collapse {
 
 /// The fall of a tower after a push, or nothing if it does not fall or is not at rest within [`LONGEST_MS`].
 ///
-/// A column has fallen when at most one cup stands in its slot, a pyramid when none of its upper cups does and at most two
-/// cups do at all.
+/// It has fallen when no cup is left on top of another, that is with its middle higher than one cup, and when at most one
+/// slot of a column and two of a pyramid still hold a cup.
 pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
     let mut world = world();
     let handles = SlotId::ALL.map(|slot| world.insert(body(tower, slot, push), cup()).0);
@@ -72,7 +98,9 @@ pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
         if steps.len() > (LONGEST_MS / TICK_MS) as usize {
             return None;
         }
-        world.step();
+        for _ in 0..SUBSTEPS {
+            world.step();
+        }
         let before = steps[steps.len() - 1];
         let bodies = handles.map(|handle| &world.bodies[handle]);
         let mut slot = 0;
@@ -90,12 +118,14 @@ pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
         };
     }
     let last = steps[steps.len() - 1];
-    let stands = |slot: SlotId| is_in_slot(tower, slot, last[slot.index()]);
-    let standing = SlotId::ALL.into_iter().filter(|slot| stands(*slot)).count();
-    let has_fallen = match tower {
-        Tower::Unstable => standing <= 1,
-        Tower::Stable => standing <= 2 && !SlotId::ALL[3..].iter().any(|slot| stands(*slot)),
+    let is_filled = |slot: &SlotId| last.iter().any(|pose| is_in_slot(tower, *slot, *pose));
+    let standing = SlotId::ALL.iter().filter(|slot| is_filled(slot)).count();
+    let may_stand = match tower {
+        Tower::Unstable => 1,
+        Tower::Stable => 2,
     };
+    let is_down = last.iter().all(|pose| pose.position.z < CUP_HEIGHT);
+    let has_fallen = is_down && standing <= may_stand;
     has_fallen.then_some(Collapse { steps, standing })
 }
 
@@ -108,9 +138,16 @@ pub fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
 /// The table top between two walls that nobody sees, at cup scale: contacts are as exact as a tenth of a millimetre.
 fn world() -> PhysicsWorld {
     let mut world = PhysicsWorld::default();
-    world.integration_parameters.dt = TICK_MS as f32 / 1000.0;
+    world.integration_parameters.dt = TICK_MS as f32 / 1000.0 / SUBSTEPS as f32;
     world.integration_parameters.length_unit = 0.1;
-    world.integration_parameters.num_solver_iterations = 8;
+    world.integration_parameters.num_solver_iterations = 4;
+    // Stiffer than the default, which lets cups of this size sink visibly into each other when they hit.
+    let stiff = SpringCoefficients::new(120.0, 2.0);
+    world.integration_parameters.contact_softness = stiff;
+    world.integration_parameters.static_contact_softness = stiff;
+    world
+        .integration_parameters
+        .normalized_max_corrective_velocity = 10.0;
     let end = TABLE_END as f32;
     let wall = 0.1;
     for (x, y, half_width, half_height) in [
@@ -129,21 +166,18 @@ fn world() -> PhysicsWorld {
 fn body(tower: Tower, slot: SlotId, push: Push) -> RigidBodyBuilder {
     let pose = tower.pose(slot);
     let pushed = tower.pose(push.slot);
-    let rise = (pose.position.z - pushed.position.z) / CUP_HEIGHT;
-    // Cups above the pushed one go along, the higher the faster; the others stand until they are hit.
-    let velocity = if slot == push.slot {
-        push.speed
-    } else if rise > 0.5 {
-        push.speed * (1.0 + 0.35 * rise)
+    let layers = (pose.position.z - pushed.position.z) / CUP_HEIGHT;
+    let beside = layers.abs() < 0.5 && slot != push.slot;
+    let (velocity, turning) = if beside {
+        (0.0, 0.0)
     } else {
-        0.0
+        push.given_to(layers)
     };
-    let turning = -velocity / 0.5;
     RigidBodyBuilder::dynamic()
         .translation(Vector::new(pose.position.x as f32, pose.position.z as f32))
         .rotation(-(pose.tilt as f32).to_radians())
         .linvel(Vector::new(velocity as f32, 0.0))
-        .angvel(turning as f32)
+        .angvel(-turning as f32)
         .can_sleep(false)
         .ccd_enabled(true)
 }

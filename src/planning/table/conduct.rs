@@ -8,6 +8,9 @@ use super::plan::{Duties, Task};
 /// Whoever waits for the tower sets out when the other is this far from the slot, in metres, and on its way out.
 const TOWER_FREE: f64 = 0.18;
 
+/// Nobody turns towards the tower farther away than this from the place to wait, in metres: beside it a cup is still too low.
+const GATE: f64 = 0.06;
+
 /// One of the two at work.
 #[derive(Debug)]
 pub(super) struct Conductor {
@@ -73,12 +76,15 @@ impl Conductor {
                 Motion::Through(target) => own.position().distance(target) < within,
             },
             Task::Grasp(cup) => own.grip() == Grip::Holding(cup),
-            Task::AwaitTurn { placed, then, .. } => {
+            Task::AwaitTurn {
+                at, placed, then, ..
+            } => {
                 let other = table.effector(match self.by {
                     By::Hand => By::Gripper,
                     By::Gripper => By::Hand,
                 });
-                table.placed() >= placed
+                own.position().distance(at) < GATE
+                    && table.placed() >= placed
                     && (placed == 0 || other.position().distance(then) > TOWER_FREE)
             }
             Task::Release(_) => self.ticks_on_task > 0 && own.grip() == Grip::Empty,

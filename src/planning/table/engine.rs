@@ -42,7 +42,7 @@ impl By {
     pub fn rest(self) -> Point {
         match self {
             Self::Hand => Point::new(0.10, -0.07, 0.06),
-            Self::Gripper => Point::new(0.06, 0.54, 0.28),
+            Self::Gripper => Point::new(0.28, 0.47, 0.20),
         }
     }
 }

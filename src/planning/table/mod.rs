@@ -22,6 +22,8 @@ mod measures;
 mod motion;
 mod plan;
 mod projection;
+#[cfg(test)]
+mod properties;
 mod replay;
 mod timeline;
 mod tower;

@@ -30,7 +30,7 @@ pub(super) enum Task {
     },
     /// Grasp a cup.
     Grasp(CupId),
-    /// Go to a place and wait there until so many cups are placed and the tower is free; if it is, go on at once.
+    /// Go to a place and wait there until so many cups are placed and the tower is free; if it is, pass by there.
     AwaitTurn {
         /// Where to wait.
         at: Point,
@@ -72,10 +72,15 @@ pub(super) fn draw(tower: Tower, rng: &mut impl Rng) -> [Duties; 2] {
         pace: rng.random_range(0.86..1.0),
         tasks: vec![Task::Pause(LEAD_MS)],
     };
+    // Where the hand places two cups first, the arm sets out later instead of waiting with a cup.
+    let delay_ms = match items[1].by {
+        By::Hand => rng.random_range(800..1200),
+        By::Gripper => rng.random_range(50..400),
+    };
     let mut gripper = Duties {
         by: By::Gripper,
         pace: rng.random_range(0.88..1.0),
-        tasks: vec![Task::Pause(LEAD_MS + rng.random_range(50..400))],
+        tasks: vec![Task::Pause(LEAD_MS + delay_ms)],
     };
     for (placed, item) in items.iter().enumerate() {
         let filled = items[..placed].iter().map(|item| item.slot);
@@ -151,7 +156,6 @@ fn add_item(tasks: &mut Vec<Task>, tower: Tower, item: Item, placed: usize, towe
     let start = cup.start().position;
     let end = tower.pose(slot);
     let side = if start.x < 0.0 { -1.0 } else { 1.0 };
-    // A mouth goes up over the side from which the cup comes.
     let tilt = end.tilt;
     let carry = (tower_top + CUP_HEIGHT / 2.0 + CLEARANCE).max(end.position.z + 0.03);
     let above = |point: Point, z: f64| Point::new(point.x, point.y, z);
@@ -180,7 +184,7 @@ fn add_item(tasks: &mut Vec<Task>, tower: Tower, item: Item, placed: usize, towe
             tasks.push(Task::Grasp(cup));
             tasks.push(way(above(start, carry.min(0.25)), 0.03, 0.0, None));
             tasks.push(Task::AwaitTurn {
-                at: Point::new(end.position.x + side * 0.16, TOWER_Y + 0.2, carry),
+                at: Point::new(end.position.x + side * 0.22, TOWER_Y + 0.12, carry),
                 placed,
                 then: hover,
                 tilt,

@@ -18,7 +18,7 @@ const SHORTEST_MS: u32 = 6000;
 const LONGEST_MS: u32 = 10_000;
 /// The outcome is seen at least so long, in milliseconds.
 const OUTCOME_MS: u32 = 1000;
-/// Plans that are tried for one replay. Most first ones fit.
+/// Plans that are tried for one replay. One in two fits, one in six where a pyramid has to fall.
 const PLANS: usize = 200;
 
 /// What becomes of the tower.
@@ -103,7 +103,7 @@ impl Replay {
                 TowerState::Standing
             }
             Outcome::Falls => {
-                show.run_for(rng.random_range(250..600))?;
+                show.run_for(rng.random_range(350..650))?;
                 let Some(collapse) = drawn_collapse(self.tower, rng) else {
                     return Ok(None);
                 };
@@ -185,24 +185,17 @@ impl Show {
 }
 
 /// How much stronger each push is than the drawn one, in the order in which they are tried.
-const STRENGTHS: [f64; 10] = [1.0, 1.15, 1.3, 1.5, 1.75, 2.0, 0.8, 2.4, 2.8, 3.4];
+const STRENGTHS: [f64; 8] = [1.0, 1.2, 1.45, 1.75, 2.1, 2.5, 3.0, 3.6];
 
-/// The first collapse among pushes of growing strength at the drawn slot and side.
+/// The first collapse among pushes of growing strength, of the drawn kind.
 fn drawn_collapse(tower: Tower, rng: &mut impl Rng) -> Option<Collapse> {
-    let slots = match tower {
-        Tower::Stable => &SlotId::ALL[..],
-        Tower::Unstable => &SlotId::ALL[1..4],
-    };
-    let slot = slots[rng.random_range(0..slots.len())];
     let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-    let speed = side * rng.random_range(0.35..0.6);
-    STRENGTHS.into_iter().find_map(|strength| {
-        collapse(
-            tower,
-            Push {
-                slot,
-                speed: speed * strength,
-            },
-        )
-    })
+    let push = Push {
+        slot: SlotId::ALL[rng.random_range(0..CUPS)],
+        speed: side * rng.random_range(0.25..0.5),
+        above: rng.random_range(-0.8..0.5),
+        below: rng.random_range(-1.6..0.2),
+    };
+    let pushes = STRENGTHS.iter().map(|strength| push.times(*strength));
+    pushes.into_iter().find_map(|push| collapse(tower, push))
 }

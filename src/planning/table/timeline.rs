@@ -45,7 +45,7 @@ pub enum TowerState {
     Standing,
     /// It fell.
     Fallen {
-        /// How many cups are still in their slots.
+        /// How many slots still hold a cup.
         in_slots: usize,
     },
 }

@@ -56,7 +56,7 @@ impl Tower {
             }
             Self::Unstable => {
                 let height = [0.0, 1.0, 2.0, 3.0, 4.0][slot.0] * CUP_HEIGHT;
-                let tilt = if slot.0 % 2 == 0 { 0.0 } else { 180.0 };
+                let tilt = if slot.0.is_multiple_of(2) { 0.0 } else { 180.0 };
                 (0.0, ground + height, tilt)
             }
         };
