@@ -392,10 +392,7 @@ impl Round {
             let work = {
                 let (input, previous) = (due.input.clone(), due.previous.clone());
                 let stop = stop.clone();
-                move || {
-                    let warm_start = previous.as_ref().map(|previous| &previous.warm_start);
-                    fitting::run(&input, warm_start, &stop)
-                }
+                move || fitting::run(&input, previous.as_deref(), &stop)
             };
             let Ok(done) = lane.run(work).await.map_err(|Ended| ()) else {
                 return Ok(Vec::new());

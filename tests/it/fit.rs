@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 use riskaware::inference::accuracy::{Shares, compare, pooled};
-use riskaware::inference::curves::curves;
+use riskaware::inference::curves::{Band, Curves, curves};
 use riskaware::inference::{
     ChoiceData, Fit, FitError, FitSettings, FitSummary, FittedProblem, ParameterSummary, Prior,
     Priors, Progress, Quantity, Source, fit, predict_from_draws, refit, uninterrupted,
@@ -530,7 +530,7 @@ fn curves_show_the_posterior_beside_the_prior() {
         &[5, 25],
     )]);
     let risk_aware = fitted(&RISK_AWARE, &data, &FitSettings::default());
-    let found = curves(data.problems(), &[&risk_aware]).unwrap();
+    let found = curves(data.problems(), &[&risk_aware], None).unwrap();
     assert!(found.gains_through_normalisation_only);
     let gains = found.weighting_gains.as_ref().unwrap();
     let mean = |index: usize| gains.bands[index].unwrap().mean;
@@ -561,7 +561,7 @@ fn curves_show_the_posterior_beside_the_prior() {
     assert!(logits.q95 < 0.0 && logits.q5 > -4.0, "{gap:?}");
 
     let rational = fitted(&NOISY_RATIONAL, &data, &FitSettings::default());
-    let found = curves(data.problems(), &[&rational]).unwrap();
+    let found = curves(data.problems(), &[&rational], None).unwrap();
     assert!(found.weighting_gains.is_none());
     let weight = &found.risky_weights[0].curve;
     assert!(
@@ -571,6 +571,57 @@ fn curves_show_the_posterior_beside_the_prior() {
             .zip(&weight.bands)
             .all(|(p, band)| (band.as_ref().unwrap().mean - p).abs() < 1e-12)
     );
+}
+
+/// The prior does not move with answers, so a refit's curves take it over; all else is their own.
+#[test]
+fn curves_of_a_refit_keep_the_prior_of_the_fit_before() {
+    let of = |stop: u64| {
+        cells(&[(
+            "low",
+            &[("accelerate", ACCELERATE_100), ("stop", STOP_100)],
+            &[5, stop],
+        )])
+    };
+    let (before, after) = (of(25), of(26));
+    let settings = FitSettings::default();
+    let first = fitted(&RISK_AWARE, &before, &settings);
+    let earlier = curves(before.problems(), &[&first], None).unwrap();
+    let second = refit(
+        &first.warm_start,
+        &RISK_AWARE,
+        &after,
+        &settings,
+        &mut uninterrupted,
+    )
+    .unwrap();
+    assert!(second.summary.provisional);
+    let anew = curves(after.problems(), &[&second], None).unwrap();
+    let since = curves(after.problems(), &[&second], Some(&earlier)).unwrap();
+    let all = |curves: &Curves| -> Vec<Option<Band>> {
+        let named = [&curves.value_logits, &curves.value_shape];
+        let weighting = curves
+            .weighting_gains
+            .iter()
+            .chain(&curves.weighting_losses);
+        let risky = curves.risky_weights.iter().map(|risky| &risky.curve);
+        let bands = named.into_iter().chain(weighting).chain(risky);
+        let gaps = curves.gaps.iter().map(|gap| gap.logits);
+        bands
+            .flat_map(|curve| curve.bands.iter().copied())
+            .chain(gaps)
+            .collect()
+    };
+    let [earlier, anew, since] = [&earlier, &anew, &since].map(all);
+    assert_eq!(since.len(), anew.len());
+    for ((since, anew), earlier) in since.iter().zip(&anew).zip(&earlier) {
+        let expected = anew.map(|band| Band {
+            prior: earlier.map_or(band.prior, |earlier| earlier.prior),
+            ..band
+        });
+        assert_eq!(*since, expected);
+    }
+    assert_ne!(since, earlier);
 }
 
 /// Few draws cannot reach an effective sample size of 400: the results are withheld, the diagnostics are not.
