@@ -319,6 +319,16 @@ impl Snapshot {
             .unwrap_or(&plans[0])
     }
 
+    /// The plan whose curves a page shows first: of those that split at all, the one with the fewest parts, few enough to
+    /// look at side by side.
+    pub fn curve_plan(&self) -> &FitPlan {
+        let plans = self.study.plans();
+        let split = plans.iter().filter(|plan| plan.parts.len() > 1);
+        split
+            .min_by_key(|plan| plan.parts.len())
+            .unwrap_or(&plans[0])
+    }
+
     /// The ids of the fitted cells, in file order.
     pub fn fitted_cells(&self) -> impl Iterator<Item = &str> {
         self.study

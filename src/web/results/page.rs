@@ -15,7 +15,6 @@ use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
     store::{Error, Store},
-    study::PlanId,
     web::assets,
 };
 
@@ -122,8 +121,8 @@ impl ResultsPage {
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
         let reading = Reading::new(snapshot);
         let sequential = Sequential::new(snapshot);
-        let curve_plan = curve_plan(snapshot);
-        let curves = Curves::new(snapshot, Some(&PlanId::from(curve_plan.as_str())), None);
+        let curve_plan = &snapshot.curve_plan().id;
+        let curves = Curves::new(snapshot, Some(curve_plan), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
             study: summary.study.id.clone(),
@@ -134,7 +133,7 @@ impl ResultsPage {
             answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
             exclusions: tables::exclusions(&summary),
-            figures: figures(&summary, &accuracy, &curves, &curve_plan),
+            figures: figures(&summary, &accuracy, &curves, curve_plan.as_str()),
             ladder: ladder(&summary, &reading),
             sequential: followed(&summary, &sequential),
             checks: checks(&summary),
@@ -172,16 +171,6 @@ fn counted_answers(answers: &Answers) -> [String; 4] {
         answers.before_exclusions,
     ]
     .map(count)
-}
-
-/// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.
-fn curve_plan(snapshot: &Snapshot) -> String {
-    let plans = snapshot.study.plans();
-    let split = plans
-        .iter()
-        .filter(|plan| plan.parts.len() > 1)
-        .min_by_key(|plan| plan.parts.len());
-    split.unwrap_or(&plans[0]).id.to_string()
 }
 
 fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) -> Figures {
