@@ -10,6 +10,12 @@ export function partsOf(curves, plan) {
   return curves.plans.filter((entry) => entry.plan === plan);
 }
 
+/** Which fits the curves of a plan are made from. */
+export function fitsOf(curves, plan) {
+  const parts = partsOf(curves, plan).map((part) => [part.part, ...Object.entries(part.models).map(([model, { fit }]) => `${model} ${fit}`)]);
+  return [plan, ...parts].join();
+}
+
 /** Says which model has no curve because its fit is not there yet. */
 export function missingNote(part, models = order) {
   const missing = models.filter((model) => !part.models?.[model]).map((model) => modelStyles[model].name);
