@@ -157,9 +157,9 @@ impl Evidence {
         let inputs = {
             let (study, wanted) = (snapshot.study.clone(), wanted.clone());
             // Many hashes, with every person who finishes.
-            let made = self.lane.run(move || {
-                Looks::new(&study).map(|looks| looks.inputs(&wanted, &chosen))
-            });
+            let made = self
+                .lane
+                .run(move || Looks::new(&study).map(|looks| looks.inputs(&wanted, &chosen)));
             match made.await.map(|done| done.result) {
                 Ok(Ok(inputs)) => inputs.unwrap_or_default(),
                 Ok(Err(message)) => {

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     jobs::{Blind, PartState, Snapshot},
-    model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
+    model::model_named,
     store::{Error, Store},
     web::assets,
 };
@@ -385,18 +385,18 @@ fn curve_table(
         ("90 % posterior", Align::Numbers),
         ("Prior mean", Align::Numbers),
     ]);
-    let models: [&ChoiceModel; 2] = [&RISK_AWARE, &NOISY_RATIONAL];
     for (name, select) in curves {
         for part in parts {
-            for model in models {
-                let Some(series) = part.models.get(model.id).and_then(select) else {
+            for (model, fitted) in part.models.iter() {
+                let Some(series) = select(fitted) else {
                     continue;
                 };
+                let label = model_named(model).map_or(model, |model| model.label);
                 for index in spread(series.x.len()) {
                     let at = |column: &[Option<f64>]| column[index];
                     table.row([
                         part.label.clone(),
-                        model.label.to_owned(),
+                        label.to_owned(),
                         (*name).to_owned(),
                         x_text(series.x[index]),
                         decimal(at(&series.mean), 3),
