@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::diagnostics::{mean, quantile};
 use super::{Draws, Fit, FittedProblem};
 use crate::model::{
-    ChoiceModel, Outcome, Parameter, Parameters, Prospect, RiskAwareOptions, decision_weights,
-    utilities, value,
+    ChoiceModel, Outcome, Parameter, Parameters, Prospect, RiskAwareOptions, utilities, value,
+    weight_spans, weights_of_spans,
 };
 
 /// Most draws of each fit that curves are made from, evenly over its chains.
@@ -47,6 +47,12 @@ pub struct Curve {
     pub x: Vec<f64>,
     /// What is known there: nothing if no posterior draw has a value.
     pub bands: Vec<Option<Band>>,
+}
+
+impl Curve {
+    fn band(&self, index: usize) -> Option<&Band> {
+        self.bands.get(index)?.as_ref()
+    }
 }
 
 /// The decision weight of a risky outcome as a function of its true probability.
@@ -98,7 +104,13 @@ pub struct Curves {
 ///
 /// * `problems`: those whose rewards and probabilities set the grids.
 /// * `fits`: at least one; nothing is returned otherwise.
-pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
+/// * `earlier`: curves of an earlier fit of the same model, problems and settings, if there is one. The prior, which
+///   answers do not move, is taken over from them; that is half of the work.
+pub fn curves(
+    problems: &[FittedProblem],
+    fits: &[&Fit],
+    earlier: Option<&Curves>,
+) -> Option<Curves> {
     let first = fits.first()?;
     let options = first.summary.options;
     let posterior: Vec<Parameters> = fits
@@ -113,33 +125,52 @@ pub fn curves(problems: &[FittedProblem], fits: &[&Fit]) -> Option<Curves> {
         .map(|i| i as f64 / PROBABILITY_STEPS as f64)
         .collect();
     let rewards = reward_grid(problems);
-    let weight = |exponent: Parameter, elevation: Parameter| {
+    let weight = |known: Option<&Curve>, exponent: Parameter, elevation: Parameter| {
         is_weighted(first.model).then(|| {
-            sample.curve(&chances, Centre::Mean, |p, person| {
+            sample.curve(&chances, known, Centre::Mean, |p, person| {
                 let function = options.weighting_function;
                 function.weight(p, person.get(exponent), person.get(elevation))
             })
         })
     };
+    let known_gains = earlier.and_then(|known| known.weighting_gains.as_ref());
+    let known_losses = earlier.and_then(|known| known.weighting_losses.as_ref());
     let felt = |reward: f64, person: &Parameters| {
         let [alpha, beta, lambda] =
             [Parameter::Alpha, Parameter::Beta, Parameter::Lambda].map(|name| person.get(name));
         value(reward, alpha, beta, lambda)
     };
     Some(Curves {
-        weighting_gains: weight(Parameter::Gamma, Parameter::EtaGain),
-        weighting_losses: weight(Parameter::Delta, Parameter::EtaLoss),
-        risky_weights: risky_weights(problems, &sample, &chances, options),
+        weighting_gains: weight(known_gains, Parameter::Gamma, Parameter::EtaGain),
+        weighting_losses: weight(known_losses, Parameter::Delta, Parameter::EtaLoss),
+        risky_weights: risky_weights(
+            problems,
+            &sample,
+            &chances,
+            earlier.map_or(&[], |known| &known.risky_weights),
+            options,
+        ),
         gains_through_normalisation_only: is_weighted(first.model)
             && options.normalise
             && rewards_of(problems).all(|reward| reward <= 0.0),
-        value_logits: sample.curve(&rewards, Centre::Median, |reward, person| {
-            person.get(Parameter::Theta) * felt(reward, person)
-        }),
-        value_shape: sample.curve(&rewards, Centre::Mean, |reward, person| {
-            felt(reward, person) / felt(reference, person).abs()
-        }),
-        gaps: gaps(problems, &sample, options),
+        value_logits: sample.curve(
+            &rewards,
+            earlier.map(|known| &known.value_logits),
+            Centre::Median,
+            |reward, person| person.get(Parameter::Theta) * felt(reward, person),
+        ),
+        value_shape: sample.curve(
+            &rewards,
+            earlier.map(|known| &known.value_shape),
+            Centre::Mean,
+            |reward, person| felt(reward, person) / felt(reference, person).abs(),
+        ),
+        gaps: gaps(
+            problems,
+            &sample,
+            earlier.map_or(&[], |known| &known.gaps),
+            options,
+        ),
     })
 }
 
@@ -163,12 +194,17 @@ impl Sample {
     fn curve(
         &self,
         grid: &[f64],
+        known: Option<&Curve>,
         centre: Centre,
         function: impl Fn(f64, &Parameters) -> f64,
     ) -> Curve {
         let bands = grid
             .iter()
-            .map(|x| self.band(centre, |person| function(*x, person)))
+            .enumerate()
+            .map(|(index, x)| {
+                let known = known.and_then(|known| known.band(index));
+                self.band(known, centre, |person| function(*x, person))
+            })
             .collect();
         Curve {
             x: grid.to_vec(),
@@ -176,16 +212,30 @@ impl Sample {
         }
     }
 
-    fn band(&self, centre: Centre, function: impl Fn(&Parameters) -> f64) -> Option<Band> {
+    /// The band of a number; `known` has the same prior.
+    fn band(
+        &self,
+        known: Option<&Band>,
+        centre: Centre,
+        function: impl Fn(&Parameters) -> f64,
+    ) -> Option<Band> {
         let sorted = |people: &[Parameters]| {
+            let mut values = Vec::with_capacity(people.len());
             // A draw under which decision weights vanish has no value.
-            let values = people
-                .iter()
-                .map(&function)
-                .filter(|value| value.is_finite());
-            let mut values: Vec<f64> = values.collect();
-            values.sort_by(f64::total_cmp);
+            values.extend(
+                people
+                    .iter()
+                    .map(&function)
+                    .filter(|value| value.is_finite()),
+            );
+            values.sort_unstable_by(f64::total_cmp);
             (!values.is_empty()).then_some(values)
+        };
+        let prior = || {
+            sorted(&self.prior).map(|prior| match centre {
+                Centre::Mean => mean(&prior),
+                Centre::Median => quantile(&prior, 0.5),
+            })
         };
         let posterior = sorted(&self.posterior)?;
         Some(Band {
@@ -194,10 +244,7 @@ impl Sample {
             q25: quantile(&posterior, 0.25),
             q75: quantile(&posterior, 0.75),
             q95: quantile(&posterior, 0.95),
-            prior: sorted(&self.prior).map(|prior| match centre {
-                Centre::Mean => mean(&prior),
-                Centre::Median => quantile(&prior, 0.5),
-            }),
+            prior: known.map_or_else(prior, |known| known.prior),
         })
     }
 }
@@ -246,6 +293,7 @@ fn risky_weights(
     problems: &[FittedProblem],
     sample: &Sample,
     chances: &[f64],
+    earlier: &[RiskyWeight],
     options: RiskAwareOptions,
 ) -> Vec<RiskyWeight> {
     let mut found: Vec<RiskyWeight> = Vec::new();
@@ -273,10 +321,18 @@ fn risky_weights(
             }
             continue;
         }
-        let bands = chances.iter().map(|&p| {
+        let known = earlier
+            .iter()
+            .find(|w| w.reward == risky.reward && w.otherwise == other.reward);
+        let bands = chances.iter().enumerate().map(|(index, &p)| {
             let prospect = risky_prospect(p, risky.reward, other.reward)?;
-            sample.band(Centre::Mean, |person| {
-                risky_weight(&prospect, risky.reward, person, options).unwrap_or(f64::NAN)
+            let outcomes = prospect.outcomes();
+            let position = outcomes.iter().position(|o| o.reward == risky.reward)?;
+            let spans = weight_spans(&prospect, options.zero);
+            let known = known.and_then(|known| known.curve.band(index));
+            sample.band(known, Centre::Mean, |person| {
+                let weights = weights_of_spans(&spans, person, options);
+                weights.map_or(f64::NAN, |weights| weights[position])
             })
         });
         let curve = Curve {
@@ -307,21 +363,12 @@ fn risky_prospect(p: f64, reward: f64, otherwise: f64) -> Option<Prospect> {
     Prospect::new(outcomes).ok()
 }
 
-fn risky_weight(
-    prospect: &Prospect,
-    reward: f64,
-    person: &Parameters,
+fn gaps(
+    problems: &[FittedProblem],
+    sample: &Sample,
+    earlier: &[ActionGap],
     options: RiskAwareOptions,
-) -> Option<f64> {
-    let weights = decision_weights(prospect, person, options).ok()?;
-    let position = prospect
-        .outcomes()
-        .iter()
-        .position(|outcome| outcome.reward == reward)?;
-    Some(weights[position])
-}
-
-fn gaps(problems: &[FittedProblem], sample: &Sample, options: RiskAwareOptions) -> Vec<ActionGap> {
+) -> Vec<ActionGap> {
     let mut gaps = Vec::new();
     for FittedProblem { id, problem } in problems {
         let sure = problem
@@ -335,7 +382,9 @@ fn gaps(problems: &[FittedProblem], sample: &Sample, options: RiskAwareOptions) 
             .enumerate()
             .filter(|(index, _)| *index != sure)
         {
-            let logits = sample.band(Centre::Median, |person| {
+            // The problems are the same, so the gaps stand in the same order.
+            let known = earlier.get(gaps.len()).and_then(|gap| gap.logits.as_ref());
+            let logits = sample.band(known, Centre::Median, |person| {
                 let found = utilities(problem, person, options);
                 let difference = found.map(|utilities| utilities[index] - utilities[sure]);
                 difference.map_or(f64::NAN, |gap| person.get(Parameter::Theta) * gap)
@@ -363,6 +412,6 @@ mod tests {
             posterior: vec![person],
             prior: vec![person],
         };
-        assert_eq!(sample.band(Centre::Mean, |_| f64::NAN), None);
+        assert_eq!(sample.band(None, Centre::Mean, |_| f64::NAN), None);
     }
 }

@@ -14,6 +14,9 @@ use crate::model::{RiskAwareOptions, ln_probabilities};
 /// Posterior draws that are replicated at most, evenly spaced: p-values are then known to about 0.016.
 const REPLICATIONS: usize = 1000;
 
+/// The same of a provisional fit, which is soon replaced: p-values to about 0.035.
+const PROVISIONAL_REPLICATIONS: usize = 200;
+
 /// One cell's answers beside answers replicated from the posterior.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PredictiveCheck {
@@ -59,7 +62,19 @@ pub fn checks_of_fit(
     counts: &[Vec<u64>],
 ) -> Vec<PredictiveCheck> {
     let mut rng = random_stream(fit.settings.seed, streams::PREDICTIVE_CHECKS);
-    predictive_checks(problems, counts, &fit.draws, fit.settings.options, &mut rng)
+    let most = if fit.summary.provisional {
+        PROVISIONAL_REPLICATIONS
+    } else {
+        REPLICATIONS
+    };
+    predictive_checks(
+        problems,
+        counts,
+        &fit.draws,
+        most,
+        fit.settings.options,
+        &mut rng,
+    )
 }
 
 /// Replicates each cell's answers from posterior draws.
@@ -72,17 +87,20 @@ pub fn checks_of_fit(
 /// T is the count of an action, or the discrepancy D of the cell. The answers were used in the fit, so p crowds around ½ and
 /// not evenly over (0, 1): a small p speaks against the model, a middling one says little for it.
 ///
+/// * `most`: how many draws are replicated at most, evenly spaced.
+///
 /// Cells without answers have no check, and draws under which decision weights vanish are left out.
-pub fn predictive_checks(
+fn predictive_checks(
     problems: &[FittedProblem],
     counts: &[Vec<u64>],
     draws: &Draws,
+    most: usize,
     options: RiskAwareOptions,
     rng: &mut impl Rng,
 ) -> Vec<PredictiveCheck> {
     let cells = problems.iter().zip(counts);
     cells
-        .filter_map(|(problem, counts)| check(problem, counts, draws, options, rng))
+        .filter_map(|(problem, counts)| check(problem, counts, draws, most, options, rng))
         .collect()
 }
 
@@ -90,6 +108,7 @@ fn check(
     problem: &FittedProblem,
     counts: &[u64],
     draws: &Draws,
+    most: usize,
     options: RiskAwareOptions,
     rng: &mut impl Rng,
 ) -> Option<PredictiveCheck> {
@@ -98,7 +117,7 @@ fn check(
         return None;
     }
     let options = draws.model.options(options);
-    let used = draws.len().min(REPLICATIONS);
+    let used = draws.len().min(most);
     let mut replicated: Vec<Vec<u64>> = vec![Vec::with_capacity(used); counts.len()];
     let mut further = 0.0;
     for index in 0..used {
@@ -226,6 +245,7 @@ mod tests {
             &[two()],
             &[counts.to_vec()],
             &draws(theta),
+            REPLICATIONS,
             options,
             &mut rng,
         );
@@ -280,7 +300,14 @@ mod tests {
         let options = RiskAwareOptions::default();
         let problems = [two(), three];
         let counts = [vec![0, 0], vec![5, 4, 3]];
-        let checks = predictive_checks(&problems, &counts, &draws(0.5), options, &mut rng);
+        let checks = predictive_checks(
+            &problems,
+            &counts,
+            &draws(0.5),
+            REPLICATIONS,
+            options,
+            &mut rng,
+        );
         assert_eq!(checks.len(), 1);
         assert_eq!(checks[0].actions.len(), 3);
         assert!(

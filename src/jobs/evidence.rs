@@ -124,9 +124,10 @@ impl Evidence {
             return Ok(false);
         };
         let sequential = snapshot.study.sequential();
-        let rule = match (RuleText::new(sequential), sequential.rule) {
-            (Some(text), Some(rule)) => Some((json(&text)?, text.hash(), bound(rule))),
-            (None, _) | (_, None) => None,
+        let text = RuleText::new(sequential);
+        let rule = match (text, looks.rule_hash(), sequential.rule) {
+            (Some(text), Some(hash), Some(rule)) => Some((json(&text)?, hash, bound(rule))),
+            (None, _, _) | (_, None, _) | (_, _, None) => None,
         };
         let mut is_reached = match &rule {
             Some((_, hash, _)) => {
@@ -153,7 +154,22 @@ impl Evidence {
             checkpoints: Vec::new(),
             reached: None,
         };
-        for (number, input) in wanted.iter().zip(looks.inputs(&wanted, &chosen)) {
+        let inputs = {
+            let (study, wanted) = (snapshot.study.clone(), wanted.clone());
+            // Many hashes, with every person who finishes.
+            let made = self
+                .lane
+                .run(move || Looks::new(&study).map(|looks| looks.inputs(&wanted, &chosen)));
+            match made.await.map(|done| done.result) {
+                Ok(Ok(inputs)) => inputs.unwrap_or_default(),
+                Ok(Err(message)) => {
+                    tracing::error!(study = %id, message, "what looks depend on could not be read");
+                    return Ok(false);
+                }
+                Err(Ended) => return Ok(false),
+            }
+        };
+        for (number, input) in wanted.iter().zip(inputs) {
             // Once the rule is reached the other looks only draw a line.
             if is_reached && !shown.contains(number) {
                 continue;

@@ -135,14 +135,23 @@ impl FitInput {
     }
 
     fn hash_of(&self, study: &StudyId) -> String {
+        self.hash_with(study, PROGRAM_VERSION, self.data.totals())
+    }
+
+    /// The hash of all but the answers and the program: what the study asks, and how it is judged.
+    pub(super) fn design_hash(&self, study: &StudyId) -> String {
+        self.hash_with(study, "", &[])
+    }
+
+    fn hash_with(&self, study: &StudyId, program: &str, counts: &[Vec<u64>]) -> String {
         let canonical = Canonical {
-            program: PROGRAM_VERSION,
+            program,
             study,
             plan: &self.plan,
             part: &self.part,
             model: self.model.id,
             problems: self.problems(),
-            counts: self.data.totals(),
+            counts,
             settings: &self.settings,
         };
         let text = serde_json::to_vec(&canonical)

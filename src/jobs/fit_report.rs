@@ -36,9 +36,10 @@ pub struct FitReport {
 }
 
 impl FitReport {
-    /// The report of a finished fit.
-    pub(super) fn new(input: &FitInput, fit: &Fit) -> Self {
+    /// The report of a finished fit; `earlier` is that of a fit of the same problems under the same settings.
+    pub(super) fn new(input: &FitInput, fit: &Fit, earlier: Option<&Self>) -> Self {
         let is_converged = fit.summary.converged;
+        let earlier_curves = earlier.and_then(|earlier| earlier.curves.as_ref());
         Self {
             problems: input.problems(),
             counts: input.data.totals().to_vec(),
@@ -49,7 +50,7 @@ impl FitReport {
                 Vec::new()
             },
             curves: if is_converged {
-                curves(input.data.problems(), &[fit])
+                curves(input.data.problems(), &[fit], earlier_curves)
             } else {
                 None
             },

@@ -4,9 +4,9 @@ use std::ops::ControlFlow;
 
 use tokio_util::sync::CancellationToken;
 
-use super::{FitReport, fit_input::FitInput};
+use super::{FitReport, fit_input::FitInput, live_fits::LiveFit};
 use crate::{
-    inference::{Fit, FitError, Progress, WarmStart, fit, refit},
+    inference::{Fit, FitError, Progress, fit, refit},
     store::FitOutcome,
 };
 
@@ -34,7 +34,7 @@ pub(super) enum FitFailure {
 /// Fits, from an earlier fit on or anew.
 pub(super) fn run(
     input: &FitInput,
-    previous: Option<&WarmStart>,
+    previous: Option<&LiveFit>,
     stop: &CancellationToken,
 ) -> Result<Fitted, FitFailure> {
     let mut watch = |_: Progress| {
@@ -51,7 +51,7 @@ pub(super) fn run(
         ..
     } = input;
     let fitted = match previous {
-        Some(previous) => refit(previous, model, data, settings, &mut watch),
+        Some(previous) => refit(&previous.warm_start, model, data, settings, &mut watch),
         None => fit(model, data, settings, &mut watch),
     };
     let fit = fitted.map_err(|error| match error {
@@ -60,7 +60,9 @@ pub(super) fn run(
             FitFailure::Fit(error)
         }
     })?;
-    let report = FitReport::new(input, &fit);
+    // A warm fit is of the same problems and settings as the one before.
+    let earlier = previous.filter(|_| fit.summary.provisional);
+    let report = FitReport::new(input, &fit, earlier.map(|earlier| &*earlier.report));
     let text = serde_json::to_string(&report)?;
     let outcome = if fit.summary.converged {
         FitOutcome::Converged(text)

@@ -93,8 +93,8 @@ impl<'a> RuleText<'a> {
         Some(text)
     }
 
-    /// Under what it is stored that the rule was reached.
-    pub(super) fn hash(&self) -> String {
+    /// Under what it is stored that the rule was reached in a study of this design.
+    fn hash(&self, design: &str) -> String {
         let Self {
             plan,
             check_every,
@@ -108,7 +108,7 @@ impl<'a> RuleText<'a> {
         let text = format!(
             "{plan} {check_every} {minimum} {bayes_factor:?} {models:?} {width_below:?} {model:?} {quantity:?}"
         );
-        hash_of(std::iter::once(text.as_str()))
+        hash_of([text.as_str(), design].into_iter())
     }
 }
 
@@ -129,6 +129,8 @@ pub(super) struct Looks<'a> {
     models: Vec<&'static ChoiceModel>,
     /// Of everything that looks depend on but the answers.
     settings_hash: String,
+    /// The same without the program: a rule that was reached stays so when the program is replaced.
+    design_hash: String,
 }
 
 /// A look that can be made.
@@ -158,13 +160,24 @@ impl<'a> Looks<'a> {
         }
         let nobody = FitInput::of_plan(study, plan, &models, &StudyCounts::new(study, &[]));
         let settings_hash = hash_of(nobody.iter().map(|input| input.hash.as_str()));
+        let designs: Vec<String> = nobody
+            .iter()
+            .map(|input| input.design_hash(study.id()))
+            .collect();
         (!models.is_empty()).then_some(Self {
             study,
             sequential,
             plan,
             models,
             settings_hash,
+            design_hash: hash_of(designs.iter().map(String::as_str)),
         })
+    }
+
+    /// Under what it is stored that the study's rule was reached: other rules, problems or priors have to reach it
+    /// anew. None where the study has no rule.
+    pub(super) fn rule_hash(&self) -> Option<String> {
+        Some(RuleText::new(self.sequential)?.hash(&self.design_hash))
     }
 
     /// How many looks there have been once so many people have finished.

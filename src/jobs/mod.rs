@@ -6,7 +6,7 @@
 //! * [`StudyCounts`]: what was chosen, in the study's own order;
 //! * `fit_input`: what a fit depends on, its hash and its seed;
 //! * [`FitReport`]: what is stored of a fit;
-//! * `fitting`: one fit, from its input to its report; `lane`: the threads on which fits run; `live_fits`: what is
+//! * `due`: which fits are due; `fitting`: one fit, from its input to its report; `lane`: the threads on which fits run; `live_fits`: what is
 //!   remembered of them; `quiet`: when a study is idle;
 //! * [`PlanComparison`], [`SequentialEvidence`]: what belongs beside the fits;
 //! * [`refit`], [`evidence`], [`closing`]: the background tasks;
@@ -20,6 +20,7 @@
 mod catalogue;
 pub mod closing;
 mod counts;
+mod due;
 pub mod evidence;
 mod fit_input;
 mod fit_report;

@@ -11,7 +11,8 @@ use tokio::{sync::broadcast::error::RecvError, task::JoinHandle, time::Instant};
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    Catalogue, PartFit, Snapshot,
+    Catalogue, Snapshot,
+    due::{Due, MAX_ATTEMPTS, Waits},
     fit_input::FitInput,
     fit_report::blob,
     fitting::{self, FitFailure},
@@ -20,14 +21,12 @@ use super::{
     quiet::Quiet,
 };
 use crate::{
-    store::{self, FitKey, FitOutcome, FitState, NewFit, Population, Store, StudyState, VersionId},
+    store::{self, FitKey, FitOutcome, NewFit, Population, Store, StudyState, VersionId},
     study::{Study, StudyId},
 };
 
 /// A change whose notice was missed is found by then.
 const POLL_INTERVAL: Duration = Duration::from_secs(30);
-/// How often one and the same input is tried.
-const MAX_ATTEMPTS: u32 = 3;
 /// Pause after the database or a fit failed; after each further failure of the same fit four times the one before.
 const RETRY_PAUSE: Duration = Duration::from_secs(1);
 /// Processor time after which a round is stored and what is left waits for the next, so that other studies have their
@@ -63,6 +62,7 @@ pub async fn run(
         cold: Place::of(cold),
         failures: Failures::default(),
         quiet: Quiet::default(),
+        waits: Waits::default(),
         turns: HashMap::new(),
     };
     while !stop.is_cancelled() {
@@ -94,6 +94,7 @@ struct Refits {
     cold: Place,
     failures: Failures,
     quiet: Quiet,
+    waits: Waits,
     /// When each study had its last turn, counted in rounds.
     turns: HashMap<StudyId, u64>,
 }
@@ -166,7 +167,8 @@ impl Refits {
         let now = Instant::now();
         let mut live: Option<Round> = None;
         let mut cold: Option<Round> = None;
-        for study in self.catalogue.studies() {
+        let catalogue = self.catalogue.clone();
+        for study in catalogue.studies() {
             let id = study.id();
             let read = Snapshot::read(&self.store, &self.catalogue, self.population, id).await?;
             let Some((snapshot, (version, _))) = read.zip(self.catalogue.current(id)) else {
@@ -183,7 +185,7 @@ impl Refits {
                 dues,
             };
             let (mut of_live, of_cold) = self.due(&snapshot, now);
-            // A round may end early: the oldest first, or the last plan would wait for a pause.
+            // A round may end early.
             of_live.sort_by_key(Due::urgency);
             if !of_live.is_empty() && live.as_ref().is_none_or(|other| turn < other.turn) {
                 live = Some(round(of_live));
@@ -207,12 +209,21 @@ impl Refits {
     }
 
     /// What of a study is due: on the live thread, and on the other one.
-    fn due(&self, snapshot: &Snapshot, now: Instant) -> (Vec<Due>, Vec<Due>) {
+    fn due(&mut self, snapshot: &Snapshot, now: Instant) -> (Vec<Due>, Vec<Due>) {
         let id = snapshot.study.id();
+        let watched = &snapshot.curve_plan().id;
         let is_settled = snapshot.state == StudyState::Closed || self.quiet.is_idle(id, now);
         let (mut live, mut cold) = (Vec::new(), Vec::new());
         for part in &snapshot.fits {
             let key = part.input.key();
+            let data_version = snapshot.version.data_version;
+            let since = if part.is_behind {
+                let fitted_at = part.fit.as_ref().map(|fit| fit.data_version);
+                self.waits.since(id, &key, fitted_at, data_version)
+            } else {
+                self.waits.end(id, &key);
+                data_version
+            };
             if self.failures.is_resting(&part.input.hash, now)
                 || self.live.has(id, &key)
                 || self.cold.has(id, &key)
@@ -220,7 +231,8 @@ impl Refits {
                 continue;
             }
             let known = self.catalogue.live_fits.get(id, self.population, &key);
-            let Some(due) = Due::of(part, known, is_settled) else {
+            let is_watched = part.plan == *watched;
+            let Some(due) = Due::of(part, known, is_settled, since, is_watched) else {
                 continue;
             };
             match &due.previous {
@@ -312,59 +324,7 @@ impl Place {
     }
 }
 
-/// A fit that is to be run.
-struct Due {
-    input: Arc<FitInput>,
-    /// From where; from nothing without it.
-    previous: Option<Arc<LiveFit>>,
-    /// It replaces a provisional fit of the same answers.
-    is_final: bool,
-    /// The data that the part was last fitted to.
-    fitted_at: Option<i64>,
-    attempts: u32,
-}
-
-impl Due {
-    /// The fit that a part needs now, if it needs one.
-    fn of(part: &PartFit, known: Option<Arc<LiveFit>>, is_settled: bool) -> Option<Self> {
-        let input = &part.input;
-        if input.data.n() == 0 {
-            return None;
-        }
-        let of_these = part.fit.as_ref().filter(|fit| fit.input_hash == input.hash);
-        let (attempts, is_final) = match of_these {
-            None => (1, false),
-            Some(fit) => match fit.outcome.state() {
-                FitState::Converged | FitState::Unconverged if fit.is_provisional => {
-                    if !is_settled {
-                        return None;
-                    }
-                    (1, true)
-                }
-                FitState::Converged | FitState::Unconverged => return None,
-                FitState::Failed if fit.attempts >= MAX_ATTEMPTS => return None,
-                FitState::Failed => (fit.attempts + 1, false),
-            },
-        };
-        // What failed once is not tried again from the same point.
-        let is_first = attempts == 1 && !is_final && !is_settled;
-        Some(Self {
-            input: input.clone(),
-            previous: known.filter(|_| is_first),
-            is_final,
-            fitted_at: part.fit.as_ref().map(|fit| fit.data_version),
-            attempts,
-        })
-    }
-
-    /// The least goes first: what has newer answers before what is to become final, and of those the one that waits
-    /// longest, so that no part waits for ever while answers keep arriving.
-    fn urgency(&self) -> (bool, Option<i64>) {
-        (self.is_final, self.fitted_at)
-    }
-}
-
-/// Fits of one study that are stored together.
+/// Fits of one study, one after the other; those of one plan are stored, and so shown, together.
 struct Round {
     study: Arc<Study>,
     version: VersionId,
@@ -389,13 +349,14 @@ impl Round {
             if spent_us > ROUND_US {
                 break;
             }
+            let is_next_plan = |done: &NewFit| done.key.plan != due.input.plan;
+            if fits.last().is_some_and(is_next_plan) {
+                store.save_fits(std::mem::take(&mut fits)).await?;
+            }
             let work = {
                 let (input, previous) = (due.input.clone(), due.previous.clone());
                 let stop = stop.clone();
-                move || {
-                    let warm_start = previous.as_ref().map(|previous| &previous.warm_start);
-                    fitting::run(&input, warm_start, &stop)
-                }
+                move || fitting::run(&input, previous.as_deref(), &stop)
             };
             let Ok(done) = lane.run(work).await.map_err(|Ended| ()) else {
                 return Ok(Vec::new());

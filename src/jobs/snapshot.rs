@@ -9,7 +9,7 @@ use super::{
     counts::analysis_set,
     fit_input::FitInput,
     known_fits::{KnownFit, KnownFits},
-    looks::{Looks, RuleText, SequentialEvidence},
+    looks::{Looks, SequentialEvidence},
     plan_comparison::PlanComparison,
     snapshot_cache::fresh,
 };
@@ -180,8 +180,9 @@ impl Snapshot {
         let newly_compared = store.comparisons(id, population, &hashes).await?;
         let compared = PlanComparison::renewed(compared, newly_compared);
         let looks = store.checkpoints(id, population).await?;
-        let reached = match RuleText::new(study.sequential()) {
-            Some(rule) => store.stopping(id, population, &rule.hash()).await?,
+        let rule_hash = Looks::new(&study).and_then(|looks| looks.rule_hash());
+        let reached = match rule_hash {
+            Some(rule_hash) => store.stopping(id, population, &rule_hash).await?,
             None => None,
         };
         let live: Vec<_> = new
@@ -316,6 +317,16 @@ impl Snapshot {
             .iter()
             .rev()
             .max_by_key(|plan| plan.parts.len())
+            .unwrap_or(&plans[0])
+    }
+
+    /// The plan whose curves a page shows first: of those that split at all, the one with the fewest parts, few enough to
+    /// look at side by side.
+    pub fn curve_plan(&self) -> &FitPlan {
+        let plans = self.study.plans();
+        let split = plans.iter().filter(|plan| plan.parts.len() > 1);
+        split
+            .min_by_key(|plan| plan.parts.len())
             .unwrap_or(&plans[0])
     }
 

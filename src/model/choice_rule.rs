@@ -58,10 +58,19 @@ pub fn decision_weights(
     parameters: &Parameters,
     options: RiskAwareOptions,
 ) -> Result<Vec<f64>, WeightsVanish> {
+    weights_of_spans(&weight_spans(prospect, options.zero), parameters, options)
+}
+
+/// [`decision_weights`] from spans, which many parameters share.
+pub(crate) fn weights_of_spans(
+    spans: &[WeightSpan],
+    parameters: &Parameters,
+    options: RiskAwareOptions,
+) -> Result<Vec<f64>, WeightsVanish> {
     use Parameter::{Delta, EtaGain, EtaLoss, Gamma};
     let of_gains = [Gamma, EtaGain].map(|name| parameters.get(name));
     let of_losses = [Delta, EtaLoss].map(|name| parameters.get(name));
-    let mut weights: Vec<f64> = weight_spans(prospect, options.zero)
+    let mut weights: Vec<f64> = spans
         .iter()
         .map(|span| {
             let distortion = if span.is_gain { of_gains } else { of_losses };

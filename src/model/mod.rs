@@ -30,7 +30,7 @@ pub use choice_rule::{
     ChoiceError, RiskAwareOptions, ZeroOutcome, decision_weights, ln_probabilities,
     ln_softmax_into, probabilities, utilities,
 };
-pub(crate) use choice_rule::{Cumulative, weight_spans};
+pub(crate) use choice_rule::{Cumulative, weight_spans, weights_of_spans};
 pub use ordered_map::OrderedMap;
 pub use parameters::{Parameter, ParameterError, Parameters};
 pub use prospect::{Outcome, Prospect, ProspectError};

@@ -95,10 +95,15 @@ impl Store {
             from (
                 select
                     id,
-                    -- the first ones together are look 0; each look after it begins with the person after the last
-                    max(0, (row_number() over (order by finished_at_ms, id) - ?3 + ?4 - 1) / ?4) as look
-                from run
-                where study_id = ?1 and is_simulated = ?2 and is_preview = 0 and state = 'completed'
+                    -- the first ones together are look 0; each look after it begins with the person after the last.
+                    -- In the order of the events that completed the runs, which is the order of their commits: by the
+                    -- time of arrival somebody could still come before people who were looked at already.
+                    max(0, (row_number() over (order by completed_by) - ?3 + ?4 - 1) / ?4) as look
+                from (
+                    select id, (select max(event_id) from answer where answer.run_id = run.id) as completed_by
+                    from run
+                    where study_id = ?1 and is_simulated = ?2 and is_preview = 0 and state = 'completed'
+                )
             ) as finisher
             join answer on answer.run_id = finisher.id
             join problem on problem.id = answer.problem_id

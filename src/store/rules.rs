@@ -304,10 +304,7 @@ fn require_fit(position: u32, step: &StepFacts, reply: &Reply) -> Result<(), Ref
             "agreement or refusal",
         ),
         StepKind::Info => (matches!(reply, Reply::Continued), "going on"),
-        StepKind::Replays => (
-            matches!(reply, Reply::Watched { .. }),
-            "what was watched",
-        ),
+        StepKind::Replays => (matches!(reply, Reply::Watched { .. }), "what was watched"),
         StepKind::Form => (matches!(reply, Reply::Filled { .. }), "the form's fields"),
         StepKind::Choice if step.limit_ms.is_some() => (
             matches!(reply, Reply::Chose { .. } | Reply::GaveUp),

@@ -112,11 +112,9 @@ fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
             let asked = (!choice.practice).then(|| AskedProblem::new(cell, choice.problem));
             (asked, choice.fitted, choice.practice)
         }
-        Step::Consent(_)
-        | Step::Info(_)
-        | Step::Replays(_)
-        | Step::Form(_)
-        | Step::Thanks(_) => (None, false, false),
+        Step::Consent(_) | Step::Info(_) | Step::Replays(_) | Step::Form(_) | Step::Thanks(_) => {
+            (None, false, false)
+        }
     };
     Ok(DrawnStep {
         plan,

@@ -3,10 +3,7 @@
 /// The file name and text of each built-in study.
 pub fn built_in() -> Vec<(&'static str, &'static str)> {
     vec![
-        (
-            "driving.toml",
-            include_str!("../../studies/driving.toml"),
-        ),
+        ("driving.toml", include_str!("../../studies/driving.toml")),
         ("cups.toml", include_str!("../../studies/cups.toml")),
     ]
 }

@@ -45,12 +45,17 @@ export class Figures {
   }
 
   /**
+   * Curves are drawn at once, and other figures one by one, so that the page stays usable between them.
    * @param {{summary?: object, curves?: object, accuracy?: object, fetchedAt?: string}} data
    * @param {Set<string>} [changed] which parts of `data` are new; all of them if left out
    */
-  update(data, changed) {
+  async update(data, changed) {
     for (const figure of this.figures) {
-      if (figure.data && !isTouched(figure.kind.needs, changed)) continue;
+      if (figure.data && !isTouched(figure.kind.needs, changed)) {
+        if (figure.kind.needs.some((name) => changed.has(name))) guarded(figure.element, () => figure.label());
+        continue;
+      }
+      if (!figure.kind.byPlan) await nextTask();
       guarded(figure.element, () => figure.update(data));
     }
     for (const frame of this.tables) {
@@ -61,6 +66,10 @@ export class Figures {
       });
     }
   }
+}
+
+function nextTask() {
+  return new Promise((resolve) => setTimeout(resolve));
 }
 
 /** The summary moves with every answer: where something else is drawn, that alone decides. */

@@ -1,115 +1,93 @@
 import { Figures } from "./figures.mjs";
 import { showNumbers } from "./numbers.mjs";
+import { PartGroup } from "./part-group.mjs";
 import { showWords } from "./words.mjs";
 
 const retryMs = 3000;
-const restMs = 100;
-const slowMs = 1000;
-const fits = ["curves", "accuracy"];
-const beside = ["reading", "sequential"];
 const words = {
   connecting: "Connecting…",
   live: "Live: new answers appear by themselves.",
   lost: "Connection lost. Trying again; the numbers below may be old.",
 };
 
-/** Keeps the results page in step with the server: fetches what a new version changed and shows it. */
+/**
+ * Keeps the results page in step with the server: fetches what a new version changed and shows it. Curves go first, then
+ * numbers; sentences and tables are read, not watched: once a second.
+ */
 export class Live {
   constructor(root) {
     this.root = root;
     this.connection = root.querySelector("[data-part=connection]");
-    // A page that hides its results has none of these.
-    this.fits = fits.filter((part) => root.dataset[part]);
-    this.beside = beside.filter((part) => root.dataset[part]);
     this.data = {};
     this.latest = { data_version: -1, fit_version: -1 };
-    this.wanted = null;
-    this.fitsTimer = null;
-    this.besideTimer = null;
-    this.shownAt = -Infinity;
+    // The version of each part that is shown.
+    this.held = {};
     this.figures = new Figures(root);
-    root.addEventListener("planchange", () => this.refresh(["curves"]));
+    // A page that hides its results has some of these only.
+    const group = (parts, options) =>
+      new PartGroup(parts.filter((part) => root.dataset[part]), {
+        stale: (wanted) => wanted.filter((part) => !this.isCurrent(part)),
+        fetch: (stale) => this.fetchParts(stale),
+        show: (stale) => this.show(new Set(stale)),
+        retryMs,
+        ...options,
+      });
+    const curves = group(["curves"], { restMs: 0 });
+    const numbers = group(["summary", "accuracy"], { restMs: 100, first: curves });
+    const reading = group(["reading", "sequential"], { restMs: 1000, first: numbers });
+    this.groups = [curves, numbers, reading];
+    root.addEventListener("planchange", () => {
+      delete this.held.curves;
+      curves.ask();
+    });
     this.say("connecting");
-    this.refresh(["summary", ...this.fits]);
-    this.refreshBeside(0);
+    this.askAll();
     this.listen();
+  }
+
+  askAll() {
+    for (const group of this.groups) group.ask();
   }
 
   listen() {
     const events = new EventSource(this.root.dataset.events);
     this.events = events;
     events.addEventListener("open", () => this.say("live"));
-    events.addEventListener("version", (event) => this.changed(JSON.parse(event.data)));
+    events.addEventListener("version", (event) => {
+      this.latest = JSON.parse(event.data);
+      this.askAll();
+    });
     events.addEventListener("error", () => {
       this.say("lost");
+      // The server that is found next may be another one, with another past.
+      this.held = {};
       // After an HTTP error the browser gives up by itself.
       if (events.readyState === EventSource.CLOSED) setTimeout(() => this.listen(), retryMs);
     });
   }
 
-  changed(version) {
-    this.latest = version;
-    const newFits = !this.hasFits();
-    if (newFits) this.refreshFits();
-    if (!this.has(this.beside)) this.refreshBeside(slowMs);
-    if (newFits || version.data_version !== this.data.summary?.data_version) this.refresh(["summary"]);
+  /** All but the summary moves with the fits alone. */
+  isCurrent(part) {
+    const held = this.held[part];
+    if (!held || held.fit_version < this.latest.fit_version) return false;
+    return part !== "summary" || held.data_version >= this.latest.data_version;
   }
 
-  /** Figures take long to draw and change with every fit: a rest between two drawings leaves the page usable. */
-  refreshFits() {
-    if (this.fitsTimer !== null) return;
-    this.fitsTimer = setTimeout(() => {
-      this.fitsTimer = null;
-      if (this.hasFits()) return;
-      this.refresh(this.fits);
-    }, Math.max(0, this.shownAt + restMs - performance.now()));
-  }
-
-  /** Sentences and tables are read, not watched: once a second, so that curves need not wait for them. */
-  refreshBeside(delay) {
-    if (this.besideTimer !== null || this.beside.length === 0) return;
-    this.besideTimer = setTimeout(() => {
-      this.besideTimer = null;
-      this.refresh(this.beside);
-    }, delay);
-  }
-
-  hasFits() {
-    return this.has(this.fits);
-  }
-
-  has(parts) {
-    return parts.every((part) => this.data[part]?.fit_version === this.latest.fit_version);
-  }
-
-  /** One fetch at a time; what is asked for meanwhile follows as one more. */
-  async refresh(parts) {
-    if (this.wanted) {
-      for (const part of parts) this.wanted.add(part);
-      return;
-    }
-    this.wanted = new Set(parts);
-    while (this.wanted.size > 0) {
-      const now = [...this.wanted];
-      this.wanted.clear();
-      const results = await Promise.allSettled(now.map((part) => this.fetchPart(part)));
-      this.data.fetchedAt = new Date().toISOString();
-      this.show(new Set(now));
-      if (now.includes("curves")) this.shownAt = performance.now();
-      const failed = now.filter((_, index) => results[index].status === "rejected");
-      if (failed.length > 0) {
-        this.say("lost");
-        setTimeout(() => this.refresh(failed), retryMs);
-      } else if (this.events?.readyState === EventSource.OPEN) {
-        this.say("live");
-      }
-    }
-    this.wanted = null;
+  /** False where some could not be fetched. */
+  async fetchParts(parts) {
+    const results = await Promise.allSettled(parts.map((part) => this.fetchPart(part)));
+    this.data.fetchedAt = new Date().toISOString();
+    const isDone = results.every((result) => result.status === "fulfilled");
+    if (!isDone) this.say("lost");
+    else if (this.events?.readyState === EventSource.OPEN) this.say("live");
+    return isDone;
   }
 
   async fetchPart(part) {
     const address = this.root.dataset[part];
-    this.data[part] = part === "curves" ? await this.fetchCurves(address) : await fetchJson(address);
+    const data = part === "curves" ? await this.fetchCurves(address) : await fetchJson(address);
+    this.data[part] = data;
+    this.held[part] = { data_version: data.data_version, fit_version: data.fit_version };
   }
 
   /** Only the curves of the plans that are drawn: those of all plans weigh ten times as much. */
@@ -122,16 +100,16 @@ export class Live {
     return { ...oldest, plans: all.flatMap((curves) => curves.plans) };
   }
 
-  show(changed) {
+  async show(changed) {
     const { summary, reading } = this.data;
-    if (summary) {
+    if (summary && changed.has("summary")) {
       // Hidden results appear, or vanish, as a page of their own.
       if (Boolean(summary.blind) !== Boolean(this.root.querySelector("[data-part=blind]"))) return location.reload();
       showNumbers(this.root, summary);
       this.announce(summary.stopping);
     }
     if (reading && changed.has("reading")) showWords(this.root, reading);
-    this.figures.update(this.data, changed);
+    await this.figures.update(this.data, changed);
   }
 
   /** That the rule for stopping was reached. */

@@ -62,19 +62,30 @@ class Person {
   }
 }
 
-/** The time at which the curves of data this new were drawn. */
+/** The version of the data: what the event stream says first. */
+async function dataVersion() {
+  const { body } = await fetch(`${server.url}/results/driving/events`);
+  const reader = body.getReader();
+  const { value } = await reader.read();
+  await reader.cancel();
+  return JSON.parse(new TextDecoder().decode(value).match(/^data: ?(.*)$/m)[1]).data_version;
+}
+
+/** The time at which all curves of data this new were drawn. */
 function drawn(page, version) {
   return page.evaluate(([version, patienceMs]) => new Promise((resolve, reject) => {
-    const figure = document.querySelector("[data-figure=weighting]");
+    const figures = [...document.querySelectorAll("[data-figure][data-plan]")];
+    if (figures.length === 0) throw new Error("the page has no curves");
+    const isDrawn = (figure) => Number(figure.dataset.fittedVersion) >= version;
     const look = () => {
-      if (!(Number(figure.dataset.fittedVersion) >= version)) return;
+      if (!figures.every(isDrawn)) return;
       observer.disconnect();
       clearTimeout(timer);
       // Not before it can be seen.
       requestAnimationFrame(() => resolve(Date.now()));
     };
     const observer = new MutationObserver(look);
-    observer.observe(figure, { attributes: true });
+    for (const figure of figures) observer.observe(figure, { attributes: true });
     const timer = setTimeout(() => reject(new Error(`no curves of data version ${version}`)), patienceMs);
     look();
   }), [version, patienceMs]);
@@ -92,8 +103,7 @@ test("every answer reaches the curves", { timeout: 600_000 }, async () => {
     const posted = Date.now();
     await person.goOn(action);
     if (!isCounted) continue;
-    const summary = await (await fetch(`${server.url}/results/driving/data/summary.json`)).json();
-    times.push(await drawn(page, summary.data_version) - posted);
+    times.push(await drawn(page, await dataVersion()) - posted);
   }
   assert.equal(times.length, answers);
   assert.deepEqual(page.faults, []);

@@ -238,7 +238,10 @@ impl Participant {
 
     /// What the link holds in secret.
     pub fn token(&self) -> Token {
-        let (_, token) = self.link.rsplit_once('/').expect("a link ends in its token");
+        let (_, token) = self
+            .link
+            .rsplit_once('/')
+            .expect("a link ends in its token");
         token.parse().expect("the server made it")
     }
 

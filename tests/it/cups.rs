@@ -73,7 +73,11 @@ async fn the_questions_come_when_all_replays_were_watched() {
 
     let next = person.sends("viewings", &viewings(&shown)).await;
     assert_eq!(next.status, StatusCode::OK);
-    assert!(next.text("h1").unwrap().contains("time limit"), "{}", next.html);
+    assert!(
+        next.text("h1").unwrap().contains("time limit"),
+        "{}",
+        next.html
+    );
     app.stop().await;
 }
 
@@ -109,7 +113,10 @@ async fn a_page_without_scripts_tells_each_replay_and_takes_as_long() {
     let mut person = watching(&app).await;
     let texts = person.page.texts("li[data-replay]");
     assert_eq!(texts.len(), 10);
-    assert_eq!(texts.iter().filter(|text| text.contains("falls")).count(), 4);
+    assert_eq!(
+        texts.iter().filter(|text| text.contains("falls")).count(),
+        4
+    );
     let too_early = person.sends("continue", "1").await;
     assert_eq!(too_early.status, StatusCode::UNPROCESSABLE_ENTITY);
     app.clock.advance(LONG_ENOUGH_MS);
@@ -137,8 +144,14 @@ async fn documents_hold_the_frames_of_the_engine() {
         assert_eq!(document["tracks"], tracks, "{id}");
         let frames = tracks["hand"]["x"].as_array().unwrap().len() as u64;
         let (duration, step) = (&document["duration_ms"], &document["frame_ms"]);
-        assert_eq!(duration.as_u64(), Some((frames - 1) * step.as_u64().unwrap()));
-        assert_eq!(document["still_ms"].as_array().unwrap().last(), Some(duration));
+        assert_eq!(
+            duration.as_u64(),
+            Some((frames - 1) * step.as_u64().unwrap())
+        );
+        assert_eq!(
+            document["still_ms"].as_array().unwrap().last(),
+            Some(duration)
+        );
         assert!(document["captions"].as_array().unwrap().len() >= 5, "{id}");
     }
     for unknown in ["unstable-falls-999", "unstable", "..%2f", "stable-falls-1"] {
@@ -171,9 +184,14 @@ async fn both_studies_are_fitted_in_one_server() {
     let _background = Background::start(&app.store, &catalogue);
     for person in 0..50 {
         let action = if person < 42 { "stable" } else { "unstable" };
-        completes(&app.store, &catalogue, &"cups".into(), person, None, |_, _| {
-            action.into()
-        })
+        completes(
+            &app.store,
+            &catalogue,
+            &"cups".into(),
+            person,
+            None,
+            |_, _| action.into(),
+        )
         .await;
         if person % 10 == 0 {
             drives(&app.store, &catalogue, 100 + person..101 + person, 130).await;
@@ -209,6 +227,9 @@ async fn both_studies_are_fitted_in_one_server() {
         assert!((reference - -5.88).abs() < 0.01, "{cell}");
     }
     let reading = app.get("/results/cups/data/reading.json").await.html;
-    assert!(reading.contains("All rewards here are gains or nothing"), "{reading}");
+    assert!(
+        reading.contains("All rewards here are gains or nothing"),
+        "{reading}"
+    );
     app.stop().await;
 }

@@ -126,12 +126,13 @@ async fn refits_are_provisional_and_closing_the_study_makes_them_final() {
     other.stop().await;
 }
 
+const RULE: &str = "[stopping]\ncheck_every = 3\nminimum = 2\nbayes_factor = 10";
+
 /// Everybody stops, whatever the risk: at 5 % a model of expected rewards says the opposite.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
-    let (app, catalogue) =
-        start("[stopping]\ncheck_every = 3\nminimum = 2\nbayes_factor = 10").await;
-    let _background = Background::start(&app.store, &catalogue);
+    let (app, catalogue) = start(RULE).await;
+    let background = Background::start(&app.store, &catalogue);
     drives(&app.store, &catalogue, 0..12, 12).await;
     until(&app.store, async || {
         snapshot(&app, &catalogue)
@@ -140,6 +141,7 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
             .is_some_and(|evidence| !evidence.is_behind)
     })
     .await;
+    drop(background);
     let (status, sequential) = json(&app, "/api/v1/studies/driving/sequential").await;
     assert_eq!(status, StatusCode::OK, "{sequential}");
     let looks = sequential["looks"].as_array().unwrap();
@@ -182,6 +184,25 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
             .unwrap()
             .contains(said)
     );
+
+    // Another fine, or another prior, makes it another study: the rule has not been reached in that one.
+    let changed = |from: &str, to: &str| {
+        let mut files = driving(RULE);
+        assert!(files[0].1.contains(from));
+        files[0].1 = files[0].1.replace(from, to);
+        files
+    };
+    for files in [
+        changed("\nfine = 50 ", "\nfine = 60 "),
+        changed("weighting = \"monotone\"", "weighting = \"paper-range\""),
+    ] {
+        let other = Catalogue::publish(&app.store, files).await.unwrap();
+        let other = snapshot(&app, &other).await;
+        assert_eq!(other.sequential().unwrap().reached, None);
+    }
+    let same = Catalogue::publish(&app.store, driving(RULE)).await.unwrap();
+    let same = snapshot(&app, &same).await;
+    assert!(same.sequential().unwrap().reached.is_some());
     app.stop().await;
 }
 

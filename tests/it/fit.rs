@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 use riskaware::inference::accuracy::{Shares, compare, pooled};
-use riskaware::inference::curves::curves;
+use riskaware::inference::curves::{Band, Curves, curves};
 use riskaware::inference::{
     ChoiceData, Fit, FitError, FitSettings, FitSummary, FittedProblem, ParameterSummary, Prior,
     Priors, Progress, Quantity, Source, fit, predict_from_draws, refit, uninterrupted,
@@ -365,28 +365,23 @@ fn accuracy_of_the_cup_study_and_what_it_leaves_open() {
     let risk_aware = fitted(&RISK_AWARE, &data, &settings);
     let ln_kl = &risk_aware.accuracy[0].ln_kl;
     assert!(ln_kl.samples >= 1_000, "{ln_kl:?}");
-    assert!(
-        (-6.1..=-5.5).contains(&ln_kl.mean.unwrap()),
-        "{ln_kl:?}"
-    );
+    assert!((-6.1..=-5.5).contains(&ln_kl.mean.unwrap()), "{ln_kl:?}");
     assert!((ln_kl.sd.unwrap() - 2.2).abs() < 0.3, "{ln_kl:?}");
 
-    // Four Monte-Carlo errors of a mean and of a variance, on a scale where the prior is uniform or normal.
-    let standard: [(Parameter, fn(f64) -> f64, f64); 3] = [
-        // uniform(0, 1), uniform(0.28, 1) and ln N(ln 1.5, 0.75), each with mean 0 and variance 1; and their kurtosis
-        (Parameter::Beta, |beta| (beta - 0.5) * 12_f64.sqrt(), 1.8),
-        (
-            Parameter::Delta,
-            |delta| (delta - 0.64) / 0.72 * 12_f64.sqrt(),
-            1.8,
-        ),
-        (
-            Parameter::Lambda,
-            |lambda| (lambda / 1.5).ln() / 0.75,
-            3.0,
-        ),
+    // Four Monte-Carlo errors of a mean and of a variance, on a scale where the prior has mean 0 and variance 1: uniform
+    // (kurtosis 1.8) or normal (3).
+    let standard = [
+        (Parameter::Beta, 1.8),
+        (Parameter::Delta, 1.8),
+        (Parameter::Lambda, 3.0),
     ];
-    for (name, standardise, kurtosis) in standard {
+    let standardised = |name: Parameter, value: f64| match name {
+        Parameter::Beta => (value - 0.5) * 12_f64.sqrt(),
+        Parameter::Delta => (value - 0.64) / 0.72 * 12_f64.sqrt(),
+        Parameter::Lambda => (value / 1.5).ln() / 0.75,
+        other => panic!("{other:?} is learned here"),
+    };
+    for (name, kurtosis) in standard {
         let found = parameter(&risk_aware, name.key());
         assert_eq!((found.source, found.informed), (Source::Prior, false));
         let draws: Vec<f64> = risk_aware
@@ -394,7 +389,7 @@ fn accuracy_of_the_cup_study_and_what_it_leaves_open() {
             .column(Quantity::Parameter(name))
             .unwrap()
             .iter()
-            .map(|value| standardise(*value))
+            .map(|value| standardised(name, *value))
             .collect();
         let n = found.ess_bulk.min(draws.len() as f64);
         let mean = draws.iter().sum::<f64>() / draws.len() as f64;
@@ -599,7 +594,7 @@ fn curves_show_the_posterior_beside_the_prior() {
         &[5, 25],
     )]);
     let risk_aware = fitted(&RISK_AWARE, &data, &FitSettings::default());
-    let found = curves(data.problems(), &[&risk_aware]).unwrap();
+    let found = curves(data.problems(), &[&risk_aware], None).unwrap();
     assert!(found.gains_through_normalisation_only);
     let gains = found.weighting_gains.as_ref().unwrap();
     let mean = |index: usize| gains.bands[index].unwrap().mean;
@@ -630,7 +625,7 @@ fn curves_show_the_posterior_beside_the_prior() {
     assert!(logits.q95 < 0.0 && logits.q5 > -4.0, "{gap:?}");
 
     let rational = fitted(&NOISY_RATIONAL, &data, &FitSettings::default());
-    let found = curves(data.problems(), &[&rational]).unwrap();
+    let found = curves(data.problems(), &[&rational], None).unwrap();
     assert!(found.weighting_gains.is_none());
     let weight = &found.risky_weights[0].curve;
     assert!(
@@ -640,6 +635,57 @@ fn curves_show_the_posterior_beside_the_prior() {
             .zip(&weight.bands)
             .all(|(p, band)| (band.as_ref().unwrap().mean - p).abs() < 1e-12)
     );
+}
+
+/// The prior does not move with answers, so a refit's curves take it over; all else is their own.
+#[test]
+fn curves_of_a_refit_keep_the_prior_of_the_fit_before() {
+    let of = |stop: u64| {
+        cells(&[(
+            "low",
+            &[("accelerate", ACCELERATE_100), ("stop", STOP_100)],
+            &[5, stop],
+        )])
+    };
+    let (before, after) = (of(25), of(26));
+    let settings = FitSettings::default();
+    let first = fitted(&RISK_AWARE, &before, &settings);
+    let earlier = curves(before.problems(), &[&first], None).unwrap();
+    let second = refit(
+        &first.warm_start,
+        &RISK_AWARE,
+        &after,
+        &settings,
+        &mut uninterrupted,
+    )
+    .unwrap();
+    assert!(second.summary.provisional);
+    let anew = curves(after.problems(), &[&second], None).unwrap();
+    let since = curves(after.problems(), &[&second], Some(&earlier)).unwrap();
+    let all = |curves: &Curves| -> Vec<Option<Band>> {
+        let named = [&curves.value_logits, &curves.value_shape];
+        let weighting = curves
+            .weighting_gains
+            .iter()
+            .chain(&curves.weighting_losses);
+        let risky = curves.risky_weights.iter().map(|risky| &risky.curve);
+        let bands = named.into_iter().chain(weighting).chain(risky);
+        let gaps = curves.gaps.iter().map(|gap| gap.logits);
+        bands
+            .flat_map(|curve| curve.bands.iter().copied())
+            .chain(gaps)
+            .collect()
+    };
+    let [earlier, anew, since] = [&earlier, &anew, &since].map(all);
+    assert_eq!(since.len(), anew.len());
+    for ((since, anew), earlier) in since.iter().zip(&anew).zip(&earlier) {
+        let expected = anew.map(|band| Band {
+            prior: earlier.map_or(band.prior, |earlier| earlier.prior),
+            ..band
+        });
+        assert_eq!(*since, expected);
+    }
+    assert_ne!(since, earlier);
 }
 
 /// Few draws cannot reach an effective sample size of 400: the results are withheld, the diagnostics are not.

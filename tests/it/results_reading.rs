@@ -7,8 +7,8 @@ use riskaware::{
     clock::Clock,
     inference::comparison::{ComparisonSettings, PlanData, Unit, compare_models},
     inference::{ChoiceData, FitSettings, FittedProblem, Group},
-    jobs::{Catalogue, PlanComparison},
-    model::{NOISY_RATIONAL, RISK_AWARE},
+    jobs::{Catalogue, PlanComparison, Snapshot},
+    model::{EXPECTED_UTILITY, NOISY_RATIONAL, RISK_AWARE},
     store::{NewComparison, Population},
     study::{self, StudyId},
 };
@@ -298,5 +298,45 @@ async fn a_blind_study_shows_who_took_part_and_nothing_else() {
     assert!(!texts(&page, "figure").is_empty());
     let reading = app.get("/results/driving/data/reading.json").await;
     assert_eq!(reading.status, StatusCode::OK);
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn tables_hold_every_model_that_the_study_fits() {
+    let text = driving().replace(
+        "models = [\"noisy_rational\", \"risk_aware\"]",
+        "models = [\"noisy_rational\", \"expected_utility\", \"risk_aware\"]",
+    );
+    let (before, plans) = text.split_once("[[fit.plan]]").unwrap();
+    let (_, all) = plans.split_once("id = \"all\"").unwrap();
+    let (app, catalogue) = serving(format!("{before}[[fit.plan]]\nid = \"all\"{all}")).await;
+    drives(&app.store, &catalogue, 0..3, 2).await;
+    let _background = Background::start(&app.store, &catalogue);
+    until(&app.store, async || {
+        let id = StudyId::from("driving");
+        let read = Snapshot::read(&app.store, &catalogue, Population::People, &id);
+        let snapshot = read.await.unwrap().unwrap();
+        snapshot.fits.iter().all(|part| part.converged().is_some())
+    })
+    .await;
+
+    let page = app.get("/results/driving").await.html;
+    let models = [&NOISY_RATIONAL, &EXPECTED_UTILITY, &RISK_AWARE];
+    for figure in ["value", "value_shape", "predictive_check"] {
+        let rows = texts(&page, &format!("[data-figure={figure}] tbody tr"));
+        for model in models {
+            assert!(
+                rows.iter().any(|row| row.contains(model.label)),
+                "{figure}, {}: {rows:?}",
+                model.label
+            );
+        }
+    }
+    let accuracy = fetched(&app, "/results/driving/data/accuracy.json").await;
+    for check in accuracy["checks"].as_array().unwrap() {
+        for model in models {
+            assert_eq!(check["models"][model.id]["n"], 3, "{check}");
+        }
+    }
     app.stop().await;
 }

@@ -169,7 +169,11 @@ mod tests {
             assert!(captions.is_sorted_by_key(|caption| caption.at_ms));
             for n in 1..=5 {
                 let count = format!(": {n} of 5.");
-                assert!(captions.iter().any(|caption| caption.text.ends_with(&count)));
+                assert!(
+                    captions
+                        .iter()
+                        .any(|caption| caption.text.ends_with(&count))
+                );
             }
             assert_eq!(captions.last().unwrap().text, end);
         }
@@ -198,7 +202,10 @@ mod tests {
     #[test]
     fn the_text_tells_the_outcome_and_who_did_what() {
         let stands = description(&timeline(Tower::Stable, Outcome::Stands));
-        assert!(stands.contains("First the person puts down the orange cup."), "{stands}");
+        assert!(
+            stands.contains("First the person puts down the orange cup."),
+            "{stands}"
+        );
         assert!(stands.ends_with("and the tower stands."), "{stands}");
         assert!(!stands.contains("falls"), "{stands}");
         let falls = description(&timeline(Tower::Unstable, Outcome::Falls));

@@ -36,6 +36,8 @@ pub(in crate::web) struct PartCurves {
 /// The curves of one fit.
 #[derive(Debug, Serialize)]
 pub(in crate::web) struct ModelCurves {
+    /// The id of the fit.
+    pub fit: i64,
     pub seed: u64,
     /// The fit started from the one before it; a final one follows once the study is idle.
     pub provisional: bool,
@@ -140,8 +142,10 @@ impl Curves {
 
 fn model(part: &PartFit, unit: &RewardUnit) -> Option<(String, ModelCurves)> {
     let fitted = part.converged()?.curves.as_ref()?;
+    let fit = part.fit.as_ref()?;
     let curves = ModelCurves {
-        seed: part.fit.as_ref()?.seed,
+        fit: fit.id.get(),
+        seed: fit.seed,
         provisional: part.is_provisional(),
         weighting_gain: fitted.weighting_gains.as_ref().map(series),
         weighting_loss: fitted.weighting_losses.as_ref().map(series),
@@ -204,7 +208,17 @@ fn series(curve: &Curve) -> Series {
 
 /// A number with five significant digits: finer than any drawing, and a third of the text. Draws have all digits.
 fn short(number: f64) -> f64 {
-    format!("{number:.4e}").parse().unwrap_or(number)
+    let digits_behind = 4.0 - number.abs().log10().floor();
+    // Powers of ten up to here are exact, and so a quotient is the number that is written with these digits.
+    if digits_behind.abs() > 22.0 {
+        return number;
+    }
+    let scale = 10_f64.powi(digits_behind.abs() as i32);
+    if digits_behind >= 0.0 {
+        (number * scale).round() / scale
+    } else {
+        (number / scale).round() * scale
+    }
 }
 
 /// Up to which data version the curves hold every answer that concerns them: the present one, unless a fit is behind.
@@ -226,6 +240,10 @@ mod tests {
             (0.123_456_789, 0.12346),
             (-98_765.432_1, -98_765.0),
             (1.234_56e-12, 1.2346e-12),
+            (99_999.6, 100_000.0),
+            (-123_456_789.0, -123_460_000.0),
+            (0.3, 0.3),
+            (1e-300, 1e-300),
             (0.0, 0.0),
             (1.0, 1.0),
         ] {

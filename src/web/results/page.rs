@@ -13,9 +13,8 @@ use super::{
 };
 use crate::{
     jobs::{Blind, PartState, Snapshot},
-    model::{ChoiceModel, NOISY_RATIONAL, RISK_AWARE},
+    model::model_named,
     store::{Error, Store},
-    study::PlanId,
     web::assets,
 };
 
@@ -122,8 +121,8 @@ impl ResultsPage {
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
         let reading = Reading::new(snapshot);
         let sequential = Sequential::new(snapshot);
-        let curve_plan = curve_plan(snapshot);
-        let curves = Curves::new(snapshot, Some(&PlanId::from(curve_plan.as_str())), None);
+        let curve_plan = &snapshot.curve_plan().id;
+        let curves = Curves::new(snapshot, Some(curve_plan), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
             study: summary.study.id.clone(),
@@ -134,7 +133,7 @@ impl ResultsPage {
             answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
             exclusions: tables::exclusions(&summary),
-            figures: figures(&summary, &accuracy, &curves, &curve_plan),
+            figures: figures(&summary, &accuracy, &curves, curve_plan.as_str()),
             ladder: ladder(&summary, &reading),
             sequential: followed(&summary, &sequential),
             checks: checks(&summary),
@@ -172,16 +171,6 @@ fn counted_answers(answers: &Answers) -> [String; 4] {
         answers.before_exclusions,
     ]
     .map(count)
-}
-
-/// Of the plans that split at all, the one with the fewest parts: few enough curves to look at side by side.
-fn curve_plan(snapshot: &Snapshot) -> String {
-    let plans = snapshot.study.plans();
-    let split = plans
-        .iter()
-        .filter(|plan| plan.parts.len() > 1)
-        .min_by_key(|plan| plan.parts.len());
-    split.unwrap_or(&plans[0]).id.to_string()
 }
 
 fn figures(summary: &Summary, accuracy: &Accuracy, curves: &Curves, plan: &str) -> Figures {
@@ -396,18 +385,18 @@ fn curve_table(
         ("90 % posterior", Align::Numbers),
         ("Prior mean", Align::Numbers),
     ]);
-    let models: [&ChoiceModel; 2] = [&RISK_AWARE, &NOISY_RATIONAL];
     for (name, select) in curves {
         for part in parts {
-            for model in models {
-                let Some(series) = part.models.get(model.id).and_then(select) else {
+            for (model, fitted) in part.models.iter() {
+                let Some(series) = select(fitted) else {
                     continue;
                 };
+                let label = model_named(model).map_or(model, |model| model.label);
                 for index in spread(series.x.len()) {
                     let at = |column: &[Option<f64>]| column[index];
                     table.row([
                         part.label.clone(),
-                        model.label.to_owned(),
+                        label.to_owned(),
                         (*name).to_owned(),
                         x_text(series.x[index]),
                         decimal(at(&series.mean), 3),

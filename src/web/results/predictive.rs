@@ -9,7 +9,7 @@ use super::{
 use crate::{
     inference::predictive_check::PredictiveCheck,
     jobs::Snapshot,
-    model::{ChoiceModel, OrderedMap, PAPER_MODELS, model_named},
+    model::{ChoiceModel, OrderedMap, model_named},
     study::FitPlan,
 };
 
@@ -40,7 +40,9 @@ pub(super) fn checks(snapshot: &Snapshot, plan: &FitPlan) -> Vec<CheckRow> {
         .map(|cell| CheckRow {
             id: cell.id.to_string(),
             label: cell.label.clone(),
-            models: PAPER_MODELS
+            models: snapshot
+                .study
+                .models()
                 .iter()
                 .map(|model| (model.id.to_owned(), of_model(model, cell.id.as_str())))
                 .collect(),

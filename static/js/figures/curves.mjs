@@ -1,5 +1,5 @@
 import { decimal } from "./format.mjs";
-import { modelStyles } from "./palette.mjs";
+import { modelName, modelStyles } from "./palette.mjs";
 
 const order = ["risk_aware", "noisy_rational"];
 const quantities = ["mean", "q5", "q25", "q75", "q95", "prior_mean"];
@@ -8,6 +8,12 @@ const tableRows = 11;
 /** The fits of the chosen plan, each with its label. */
 export function partsOf(curves, plan) {
   return curves.plans.filter((entry) => entry.plan === plan);
+}
+
+/** Which fits the curves of a plan are made from. */
+export function fitsOf(curves, plan) {
+  const parts = partsOf(curves, plan).map((part) => [part.part, ...Object.entries(part.models).map(([model, { fit }]) => `${model} ${fit}`)]);
+  return [plan, ...parts].join();
 }
 
 /** Says which model has no curve because its fit is not there yet. */
@@ -19,10 +25,15 @@ export function missingNote(part, models = order) {
 /** The series of one quantity in every part and model that has it. */
 export function collect(parts, name) {
   return parts.flatMap((part) =>
-    order
-      .filter((model) => part.models?.[model]?.[name])
-      .map((model) => ({ part, model, name, series: part.models[model][name] })),
+    Object.entries(part.models)
+      .filter(([, fitted]) => fitted[name])
+      .map(([model, fitted]) => ({ part, model, name, series: fitted[name] })),
   );
+}
+
+/** What is drawn: the paper's two models; tables and files hold all that the study fits. */
+export function drawnOf(entries) {
+  return entries.filter(({ model }) => order.includes(model));
 }
 
 /** A domain that holds all values, with zero inside and a little air. */
@@ -40,7 +51,7 @@ export function extentOf(entries) {
 }
 
 /** The table shows some points of each curve; the file holds all. */
-export function curveTable(entries, xLabel, xFormat) {
+export function curveTable(summary, entries, xLabel, xFormat) {
   const columns = [
     { label: "Fit" },
     { label: "Model" },
@@ -54,7 +65,7 @@ export function curveTable(entries, xLabel, xFormat) {
   const rows = entries.flatMap(({ part, model, label, series }) =>
     spread(series.x.length).map((index) => [
       part.label,
-      modelStyles[model].name,
+      modelName(summary, model),
       label,
       xFormat(series.x[index]),
       decimal(series.mean[index], 3),

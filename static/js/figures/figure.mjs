@@ -1,4 +1,5 @@
 import { caption, planLabel } from "./caption.mjs";
+import { fitsOf } from "./curves.mjs";
 import { csv, drawingWidth, savePng, saveText, standaloneSvg } from "./export.mjs";
 import { filePalette, screenPalette } from "./palette.mjs";
 import { showTable } from "./table-view.mjs";
@@ -18,12 +19,14 @@ export class Figure {
     made += 1;
     this.id = `figure-${made}`;
     this.drawn = false;
+    this.drawnFits = null;
     this.plot = this.part("plot");
+    this.width = null;
     this.captionLine = this.part("caption");
     this.tools = this.part("tools");
     this.tableFrame = this.part("table");
     this.addTools();
-    new ResizeObserver(() => this.drawAgainIfWider()).observe(this.plot);
+    new ResizeObserver(() => this.resize()).observe(this.plot);
   }
 
   part(name) {
@@ -63,12 +66,19 @@ export class Figure {
     if (!this.kind.needs.every((name) => data[name])) return;
     this.data = data;
     if (this.kind.byPlan) this.offerPlans();
-    this.draw();
-    const content = this.kind.table(data, this);
-    showTable(this.tableFrame, content);
-    this.captionLine.textContent = this.kind.caption?.(data) ?? caption(this.kind, data, this.plan);
-    for (const button of this.buttons) button.disabled = !this.drawn;
+    const fits = this.kind.byPlan ? fitsOf(data.curves, this.plan) : null;
+    // Fits of other plans are announced as well: they change nothing here.
+    if (fits === null || fits !== this.drawnFits) {
+      this.draw();
+      showTable(this.tableFrame, this.kind.table(data, this));
+      this.drawnFits = fits;
+    }
+    this.label();
     if (this.kind.byPlan) this.element.dataset.fittedVersion = data.curves.fitted_version ?? "";
+  }
+
+  label() {
+    this.captionLine.textContent = this.kind.caption?.(this.data) ?? caption(this.kind, this.data, this.plan);
   }
 
   /** Keeps the chosen plan while it exists; offers a choice where there is more than one. */
@@ -94,11 +104,12 @@ export class Figure {
   }
 
   draw() {
-    const width = Math.floor(this.plot.clientWidth);
-    if (width < 100) return;
-    this.drawnWidth = width;
-    const drawing = this.drawing(width, screenPalette);
+    // Asking for it makes the browser lay the page out, which takes as long as a drawing.
+    this.width ??= Math.floor(this.plot.clientWidth);
+    if (this.width < 100) return;
+    const drawing = this.drawing(this.width, screenPalette);
     this.drawn = drawing !== null;
+    for (const button of this.buttons) button.disabled = !this.drawn;
     this.plot.classList.toggle("figure__plot--empty", !this.drawn);
     this.plot.replaceChildren(drawing ?? this.kind.nothing ?? "Nothing to draw yet: no fit has converged.");
   }
@@ -107,8 +118,11 @@ export class Figure {
     return this.kind.draw(this.data, { width, palette, plan: this.plan, id: this.id });
   }
 
-  drawAgainIfWider() {
-    if (this.data && Math.floor(this.plot.clientWidth) !== this.drawnWidth) this.draw();
+  resize() {
+    const width = Math.floor(this.plot.clientWidth);
+    if (width === this.width) return;
+    this.width = width;
+    if (this.data) this.draw();
   }
 
   standalone() {

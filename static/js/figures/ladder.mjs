@@ -1,5 +1,5 @@
 import { count, decimal, moment, tick } from "./format.mjs";
-import { ladderStyle } from "./palette.mjs";
+import { styleOf } from "./palette.mjs";
 import { Plot } from "./plot.mjs";
 import { sheet } from "./sheet.mjs";
 
@@ -67,7 +67,7 @@ function gainText({ gain, gain_se: se }) {
 }
 
 function drawRungs(rungs, n, width, palette) {
-  const rows = rungs.map((rung, index) => ({ ...rung, y: (index + 0.62) * rowHeight, style: ladderStyle(rung.model) }));
+  const rows = rungs.map((rung, index) => ({ ...rung, y: (index + 0.62) * rowHeight, style: styleOf(rung.model) }));
   const steps = rows.slice(1).map((row, index) => ({
     from: rows[index].per_answer,
     to: row.per_answer,

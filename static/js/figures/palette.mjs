@@ -29,8 +29,8 @@ export function modelName(summary, model) {
   return modelStyles[model]?.name ?? summary.models?.find((known) => known.id === model)?.label ?? model;
 }
 
-/** How a step of the ladder looks: the paper's two models as everywhere, all others in ink. */
-export function ladderStyle(model) {
+/** How any model looks, and chance: the paper's two as everywhere, all others in ink. */
+export function styleOf(model) {
   return modelStyles[model] ?? { token: model === "random" ? "ink-soft" : "ink", symbol: "diamond", filled: model !== "random" };
 }
 

@@ -1,10 +1,9 @@
 import { cellLabel } from "./cells.mjs";
 import { count, decimal, percent } from "./format.mjs";
-import { modelStyles } from "./palette.mjs";
+import { styleOf, modelName } from "./palette.mjs";
 import { Plot } from "./plot.mjs";
 import { sheet } from "./sheet.mjs";
 
-const models = ["risk_aware", "noisy_rational"];
 const headHeight = 22;
 const rowHeight = 26;
 
@@ -13,10 +12,11 @@ export const predictiveCheck = {
   needs: ["summary", "accuracy"],
 
   draw({ summary, accuracy }, { width, palette }) {
-    const panels = models
+    const models = new Set((accuracy.checks ?? []).flatMap((row) => Object.keys(row.models)));
+    const panels = [...models]
       .map((model) => ({ model, rows: rowsOf(summary, accuracy, model) }))
       .filter(({ rows }) => rows.length > 0)
-      .map(({ model, rows }) => ({ title: modelStyles[model].name, draw: (panelWidth) => drawPanel(model, rows, panelWidth, palette) }));
+      .map(({ model, rows }) => ({ title: modelName(summary, model), draw: (panelWidth) => drawPanel(model, rows, panelWidth, palette) }));
     return sheet({
       width,
       palette,
@@ -40,7 +40,7 @@ export const predictiveCheck = {
     ];
     const rows = each(accuracy).map(({ row, model, check, action }) => [
       label(summary, row.id),
-      modelStyles[model].name,
+      modelName(summary, model),
       actionLabel(summary, action.action),
       count(check.n),
       percent(action.observed),
@@ -64,10 +64,9 @@ export const predictiveCheck = {
 
 function each(accuracy) {
   return (accuracy.checks ?? []).flatMap((row) =>
-    models.flatMap((model) => {
-      const check = row.models[model];
-      return (check?.actions ?? []).map((action) => ({ row, model, check, action }));
-    }),
+    Object.entries(row.models).flatMap(([model, check]) =>
+      (check?.actions ?? []).map((action) => ({ row, model, check, action })),
+    ),
   );
 }
 
@@ -88,7 +87,7 @@ function rowsOf(summary, accuracy, wanted) {
 }
 
 function drawPanel(model, rows, width, palette) {
-  const style = modelStyles[model];
+  const style = styleOf(model);
   const color = palette[style.token];
   const placed = rows.map((row, index) => ({ ...row, head: index * (headHeight + rowHeight) + headHeight / 2, y: index * (headHeight + rowHeight) + headHeight + 6 }));
   const height = rows.length * (headHeight + rowHeight);

@@ -1,5 +1,5 @@
 import { curvePanel } from "./curve-panel.mjs";
-import { collect, curveFile, curveTable, extentOf, missingNote, partsOf, rangeOf } from "./curves.mjs";
+import { collect, curveFile, curveTable, drawnOf, extentOf, missingNote, partsOf, rangeOf } from "./curves.mjs";
 import { reward, tick } from "./format.mjs";
 import { sheet } from "./sheet.mjs";
 
@@ -14,7 +14,7 @@ function valueFigure(name, axis, label) {
 
     draw({ summary, curves }, { width, palette, plan, id }) {
       const parts = partsOf(curves, plan);
-      const all = entries(curves, plan);
+      const all = drawnOf(entries(curves, plan));
       const unit = summary.study.reward_unit;
       const panels = parts.map((part) => ({
         title: part.label,
@@ -32,7 +32,7 @@ function valueFigure(name, axis, label) {
       return sheet({ width, palette, columns: 2, panels, label });
     },
 
-    table: ({ summary, curves }, { plan }) => curveTable(entries(curves, plan), "Reward", reward(summary.study.reward_unit)),
+    table: ({ summary, curves }, { plan }) => curveTable(summary, entries(curves, plan), "Reward", reward(summary.study.reward_unit)),
     file: ({ curves }, { plan }) => curveFile(entries(curves, plan)),
   };
 }

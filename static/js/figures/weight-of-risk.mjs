@@ -33,6 +33,6 @@ export const weightOfRisk = {
     return sheet({ width, palette, columns: 2, panels, label: "Decision weight of the risky outcome against its true probability; the table below holds the same numbers." });
   },
 
-  table: ({ curves }, { plan }) => curveTable(entries(curves, plan), "p", tick),
+  table: ({ summary, curves }, { plan }) => curveTable(summary, entries(curves, plan), "p", tick),
   file: ({ curves }, { plan }) => curveFile(entries(curves, plan)),
 };

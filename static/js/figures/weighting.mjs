@@ -38,6 +38,6 @@ export const weighting = {
     return sheet({ width, palette, columns: 2, panels, label: "Weight given to each probability, Risk-Aware beside Noisy Rational; the table below holds the same numbers." });
   },
 
-  table: ({ curves }, { plan }) => curveTable(entries(curves, plan), "p", tick),
+  table: ({ summary, curves }, { plan }) => curveTable(summary, entries(curves, plan), "p", tick),
   file: ({ curves }, { plan }) => curveFile(entries(curves, plan)),
 };

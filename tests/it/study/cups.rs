@@ -176,10 +176,7 @@ fn an_order_of_other_replays_is_refused() {
     let refused = |change: fn(&mut Vec<ReplayId>)| {
         let mut plan = plan.clone();
         change(&mut plan.data.replays);
-        assert!(matches!(
-            study.step(&plan),
-            Err(StepError::Replays { .. })
-        ));
+        assert!(matches!(study.step(&plan), Err(StepError::Replays { .. })));
     };
     refused(|replays| drop(replays.pop()));
     refused(|replays| replays[0] = replays[1].clone());
