@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use serde::Serialize;
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, mean, quantile, variance};
+use super::diagnostics::{Convergence, Workspace, mean, quantile, variance};
 use super::likelihood::Predictor;
 use super::maximum_likelihood::Optima;
 use super::notes::annotate;
@@ -232,6 +232,7 @@ fn fit_from(
         data,
         settings,
         generation: 0,
+        workspace: Workspace::default(),
     };
     let warm = match earlier {
         Some(earlier) => sampling.warm(earlier, watch)?,
@@ -269,11 +270,13 @@ fn fit_from(
     };
     let accuracy = sampled.accuracy(data, &predictor);
 
-    let entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
+    let mut workspace = Workspace::default();
+    let mut entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
         let columns = sampled.draws.columns.iter().enumerate();
         columns
             .map(|(index, (quantity, values))| {
                 let summary = parameter_summary(
+                    &mut workspace,
                     &posterior,
                     *quantity,
                     &sampled.draws.by_chain(values),
@@ -391,31 +394,32 @@ impl From<Stopped> for FitError {
 }
 
 fn parameter_summary(
+    workspace: &mut Workspace,
     posterior: &Posterior,
     quantity: Quantity,
     chains: &[&[f64]],
     prior: &[f64],
     convergence: Convergence,
 ) -> ParameterSummary {
-    let mut values = chains.concat();
-    let coordinates: Vec<f64> = values
+    let mut ordered = workspace.order(chains);
+    let coordinates: Vec<f64> = ordered
+        .values()
         .iter()
         .map(|value| posterior.coordinate(quantity, *value))
         .collect();
     let contraction = 1.0 - variance(&coordinates) / posterior.prior_coordinate_variance(quantity);
-    values.sort_by(f64::total_cmp);
     let from_prior = posterior.is_prior(quantity);
     ParameterSummary {
-        mean: mean(&values),
-        sd: variance(&values).sqrt(),
-        q5: quantile(&values, 0.05),
-        q50: quantile(&values, 0.5),
-        q95: quantile(&values, 0.95),
+        mean: mean(ordered.values()),
+        sd: variance(ordered.values()).sqrt(),
+        q5: quantile(ordered.values(), 0.05),
+        q50: quantile(ordered.values(), 0.5),
+        q95: quantile(ordered.values(), 0.95),
         rhat: convergence.rhat,
         ess_bulk: convergence.ess_bulk,
         ess_tail: convergence.ess_tail,
-        mcse_mean: diagnostics::mcse_mean(chains),
-        mcse_q50: diagnostics::mcse_quantile(chains, 0.5),
+        mcse_mean: ordered.mcse_mean(),
+        mcse_q50: ordered.mcse_quantile(0.5),
         prior_q5: quantile(prior, 0.05),
         prior_q50: quantile(prior, 0.5),
         prior_q95: quantile(prior, 0.95),

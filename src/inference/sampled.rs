@@ -7,7 +7,7 @@ use std::sync::Arc;
 use rand_chacha::ChaCha12Rng;
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
+use super::diagnostics::{Convergence, NormalScores, Workspace, mean, quantile};
 use super::lanes::{InstructionSet, Kernel, exp, ln};
 use super::likelihood::Predictor;
 use super::posterior::Posterior;
@@ -103,6 +103,8 @@ pub(super) struct Sampling<'a> {
     pub(super) settings: &'a FitSettings,
     /// Of the fit that is made: 0 when it is cold.
     pub(super) generation: u64,
+    /// For diagnostics.
+    pub(super) workspace: Workspace,
 }
 
 impl Sampling<'_> {
@@ -254,6 +256,7 @@ impl Sampling<'_> {
         Sampled::of(
             draws,
             scores,
+            &mut self.workspace,
             self.predictor,
             self.data,
             self.settings,
@@ -355,6 +358,7 @@ impl Sampled {
     fn of(
         draws: Draws,
         scores: &NormalScores,
+        workspace: &mut Workspace,
         predictor: &mut Predictor,
         data: &ChoiceData,
         settings: &FitSettings,
@@ -362,7 +366,7 @@ impl Sampled {
     ) -> Option<Self> {
         let mut convergence = Vec::with_capacity(draws.columns.len());
         for (_, values) in &draws.columns {
-            let found = Convergence::with(scores, &draws.by_chain(values));
+            let found = workspace.order(&draws.by_chain(values)).convergence(scores);
             if !found.is_converged() && !is_last {
                 return None;
             }
@@ -387,7 +391,7 @@ impl Sampled {
             let found = if same < problem {
                 sampled.predicted_convergence[same]
             } else {
-                sampled.problem_convergence(scores, predictor.range(problem))
+                sampled.problem_convergence(scores, workspace, predictor.range(problem))
             };
             if found.is_some_and(|found| !found.is_converged()) && !is_last {
                 return None;
@@ -402,7 +406,7 @@ impl Sampled {
             .all(Convergence::is_converged);
         sampled.sample_indices = sampled.spaced_samples(settings.samples);
         let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
-        sampled.converged = agree && spacing >= sampled.needed_spacing(data, predictor);
+        sampled.converged = agree && spacing >= sampled.needed_spacing(workspace, data, predictor);
         (sampled.converged || is_last).then_some(sampled)
     }
 
@@ -411,6 +415,7 @@ impl Sampled {
     fn problem_convergence(
         &self,
         scores: &NormalScores,
+        workspace: &mut Workspace,
         range: Range<usize>,
     ) -> Option<Convergence> {
         let columns = &self.ln_predicted[range];
@@ -431,7 +436,11 @@ impl Sampled {
                 let first = probabilities[0];
                 let moves = |p: &f64| (p - first).abs() > 1e-12 * first;
                 let moves = probabilities.iter().any(moves);
-                moves.then(|| Convergence::with(scores, &self.draws.by_chain(&probabilities)))
+                moves.then(|| {
+                    workspace
+                        .order(&self.draws.by_chain(&probabilities))
+                        .convergence(scores)
+                })
             })
             .reduce(Convergence::worse)
     }
@@ -448,12 +457,15 @@ impl Sampled {
     }
 
     /// Draws that samples must be apart: three times the longest autocorrelation time of parameters and ln KL.
-    fn needed_spacing(&self, data: &ChoiceData, predictor: &Predictor) -> f64 {
+    fn needed_spacing(
+        &self,
+        workspace: &mut Workspace,
+        data: &ChoiceData,
+        predictor: &Predictor,
+    ) -> f64 {
         let mut longest = 1.0_f64;
         for (_, values) in &self.draws.columns {
-            longest = longest.max(diagnostics::autocorrelation_time(
-                &self.draws.by_chain(values),
-            ));
+            longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(values)));
         }
         let totals = data.totals();
         // Equal problems with equal counts have the same ln KL, draw by draw.
@@ -474,9 +486,7 @@ impl Sampled {
                 observed: &observed,
                 ln_predicted: &self.ln_predicted[predictor.range(problem)],
             });
-            longest = longest.max(diagnostics::autocorrelation_time(
-                &self.draws.by_chain(&values),
-            ));
+            longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(&values)));
         }
         SAMPLE_SPACING * longest
     }
