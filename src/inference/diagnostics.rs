@@ -50,6 +50,15 @@ impl Convergence {
         ess_tail: f64::NAN,
     };
 
+    /// Of draws that are independent of each other by construction: there is no chain to converge.
+    pub fn of_independent(draws: usize) -> Self {
+        Self {
+            rhat: 1.0,
+            ess_bulk: draws as f64,
+            ess_tail: draws as f64,
+        }
+    }
+
     /// The worse of two in each respect.
     pub fn worse(self, other: Self) -> Self {
         Self {

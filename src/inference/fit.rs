@@ -314,7 +314,7 @@ fn fit_from(
                 .collect(),
         ),
         predicted: Some(sampled.predicted_shares(data, &predictor)),
-        diagnostics: sampled.diagnostics(data),
+        diagnostics: sampled.diagnostics(data, &predictor),
         n: data.n(),
         seed: settings.seed,
         chains: settings.chains,

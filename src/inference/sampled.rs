@@ -14,8 +14,8 @@ use super::posterior::Posterior;
 use super::sampler::{
     Chains, Cloud, Proposal, Run, Watch, adapt, ln_evidence, random_stream, run_chains, warm_up,
 };
-use super::summary::{Diagnostics, Estimate, PredictedShare, QuantityDiagnostics};
-use super::{ChoiceData, Draws, FitError, FitSettings, FittedProblem, Progress};
+use super::summary::{Diagnostics, Estimate, PredictedShare};
+use super::{ChoiceData, Draws, FitError, FitSettings, FittedProblem, Progress, Quantity};
 use crate::model::OrderedMap;
 
 /// Steps of the kernel for each kept draw, in the first round; each further round doubles them.
@@ -82,8 +82,8 @@ pub(super) struct Sampled {
     ln_predicted: Vec<Vec<f64>>,
     /// Of each column of the draws.
     pub(super) convergence: Vec<Convergence>,
-    /// Of each problem, the worst action's; nothing where the probabilities are the same for all parameters.
-    predicted_convergence: Vec<Option<Convergence>>,
+    /// Of each distinct problem, the worst action's.
+    predicted_convergence: Vec<Convergence>,
     pub(super) converged: bool,
     pub(super) sample_indices: Vec<usize>,
     pub(super) steps_per_draw: usize,
@@ -253,15 +253,62 @@ impl Sampling<'_> {
         }
         let mut rng = self.stream(INERT_STREAM, round);
         let draws = self.posterior.draws(chains, &mut rng);
-        Sampled::of(
+        self.judge(draws, scores, is_last)
+    }
+
+    /// What draws say; nothing if they have not converged, unless they are the last.
+    fn judge(&mut self, draws: Draws, scores: &NormalScores, is_last: bool) -> Option<Sampled> {
+        let Self {
+            predictor,
+            data,
+            settings,
+            workspace,
+            ..
+        } = self;
+        let mut convergence = Vec::with_capacity(draws.columns.len());
+        for (quantity, values) in &draws.columns {
+            let found = if self.posterior.is_drawn_from_prior(*quantity) {
+                Convergence::of_independent(draws.len())
+            } else {
+                workspace.order(&draws.by_chain(values)).convergence(scores)
+            };
+            if !found.is_converged() && !is_last {
+                return None;
+            }
+            convergence.push(found);
+        }
+        let mut sampled = Sampled {
+            ln_predicted: predictor.of_draws(&draws),
             draws,
-            scores,
-            &mut self.workspace,
-            self.predictor,
-            self.data,
-            self.settings,
-            is_last,
-        )
+            convergence,
+            predicted_convergence: Vec::new(),
+            converged: false,
+            sample_indices: Vec::new(),
+            steps_per_draw: 1,
+            acceptance: None,
+            ln_evidence: None,
+            points: Cloud::new(Vec::new()),
+            warm: None,
+        };
+        for range in predictor.distinct_ranges() {
+            let found = sampled.problem_convergence(scores, workspace, range);
+            if !found.is_converged() && !is_last {
+                return None;
+            }
+            sampled.predicted_convergence.push(found);
+        }
+        let of_predicted = &sampled.predicted_convergence;
+        let agree = sampled
+            .convergence
+            .iter()
+            .chain(of_predicted)
+            .all(Convergence::is_converged);
+        sampled.sample_indices = sampled.spaced_samples(settings.samples);
+        let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
+        let moves = |quantity| !self.posterior.is_drawn_from_prior(quantity);
+        let needed = sampled.needed_spacing(workspace, moves, data, predictor);
+        sampled.converged = agree && spacing >= needed;
+        (sampled.converged || is_last).then_some(sampled)
     }
 
     /// Adds what no statement about convergence needs: the evidence, and what the next fit starts from.
@@ -354,62 +401,6 @@ impl Kernel for LnDivergences<'_> {
 }
 
 impl Sampled {
-    /// What draws say; nothing if they have not converged, unless they are the last.
-    fn of(
-        draws: Draws,
-        scores: &NormalScores,
-        workspace: &mut Workspace,
-        predictor: &mut Predictor,
-        data: &ChoiceData,
-        settings: &FitSettings,
-        is_last: bool,
-    ) -> Option<Self> {
-        let mut convergence = Vec::with_capacity(draws.columns.len());
-        for (_, values) in &draws.columns {
-            let found = workspace.order(&draws.by_chain(values)).convergence(scores);
-            if !found.is_converged() && !is_last {
-                return None;
-            }
-            convergence.push(found);
-        }
-        let ln_predicted = predictor.of_draws(&draws);
-        let mut sampled = Self {
-            draws,
-            ln_predicted,
-            convergence,
-            predicted_convergence: Vec::with_capacity(data.problems().len()),
-            converged: false,
-            sample_indices: Vec::new(),
-            steps_per_draw: 1,
-            acceptance: None,
-            ln_evidence: None,
-            points: Cloud::new(Vec::new()),
-            warm: None,
-        };
-        for problem in 0..data.problems().len() {
-            let same = predictor.same_as(problem);
-            let found = if same < problem {
-                sampled.predicted_convergence[same]
-            } else {
-                sampled.problem_convergence(scores, workspace, predictor.range(problem))
-            };
-            if found.is_some_and(|found| !found.is_converged()) && !is_last {
-                return None;
-            }
-            sampled.predicted_convergence.push(found);
-        }
-        let of_predicted = sampled.predicted_convergence.iter().flatten();
-        let agree = sampled
-            .convergence
-            .iter()
-            .chain(of_predicted)
-            .all(Convergence::is_converged);
-        sampled.sample_indices = sampled.spaced_samples(settings.samples);
-        let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
-        sampled.converged = agree && spacing >= sampled.needed_spacing(workspace, data, predictor);
-        (sampled.converged || is_last).then_some(sampled)
-    }
-
     /// The worst convergence of the probabilities of one problem's actions. The likeliest of them follows from the others,
     /// whatever the order of actions; what is the same in all draws needs no chain to converge.
     fn problem_convergence(
@@ -417,7 +408,7 @@ impl Sampled {
         scores: &NormalScores,
         workspace: &mut Workspace,
         range: Range<usize>,
-    ) -> Option<Convergence> {
+    ) -> Convergence {
         let columns = &self.ln_predicted[range];
         let totals = columns.iter().map(|column| column.iter().sum::<f64>());
         let likeliest = totals
@@ -443,6 +434,7 @@ impl Sampled {
                 })
             })
             .reduce(Convergence::worse)
+            .unwrap_or(Convergence::of_independent(self.draws.len()))
     }
 
     /// Draws at equal distances within each chain, chains in turn.
@@ -460,18 +452,20 @@ impl Sampled {
     fn needed_spacing(
         &self,
         workspace: &mut Workspace,
+        moves: impl Fn(Quantity) -> bool,
         data: &ChoiceData,
         predictor: &Predictor,
     ) -> f64 {
         let mut longest = 1.0_f64;
-        for (_, values) in &self.draws.columns {
+        let columns = self.draws.columns.iter();
+        for (_, values) in columns.filter(|(quantity, _)| moves(*quantity)) {
             longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(values)));
         }
         let totals = data.totals();
         // Equal problems with equal counts have the same ln KL, draw by draw.
         let mut seen = HashSet::new();
         for (problem, counts) in totals.iter().enumerate() {
-            if !seen.insert((predictor.same_as(problem), counts)) {
+            if !seen.insert((predictor.distinct(problem), counts)) {
                 continue;
             }
             let n: u64 = counts.iter().sum();
@@ -528,45 +522,30 @@ impl Sampled {
                 q95: quantile(&values, 0.95),
             }
         };
-        let mut shares: Vec<Vec<PredictedShare>> = Vec::with_capacity(data.problems().len());
-        for problem in 0..data.problems().len() {
-            let same = predictor.same_as(problem);
-            shares.push(if same < problem {
-                shares[same].clone()
-            } else {
-                let columns = &self.ln_predicted[predictor.range(problem)];
-                columns.iter().map(share).collect()
-            });
-        }
-        let of_problem = |(problem, shares): (&FittedProblem, Vec<PredictedShare>)| {
+        let columns = |range: Range<usize>| self.ln_predicted[range].iter();
+        let shares: Vec<Vec<PredictedShare>> = predictor
+            .distinct_ranges()
+            .map(|range| columns(range).map(share).collect())
+            .collect();
+        let of_problem = |(index, problem): (usize, &FittedProblem)| {
             let names = problem.problem.names().map(str::to_owned);
+            let shares = shares[predictor.distinct(index)].iter().cloned();
             (problem.id.clone(), names.zip(shares).collect())
         };
-        data.problems().iter().zip(shares).map(of_problem).collect()
+        data.problems().iter().enumerate().map(of_problem).collect()
     }
 
-    pub(super) fn diagnostics(&self, data: &ChoiceData) -> Diagnostics {
+    pub(super) fn diagnostics(&self, data: &ChoiceData, predictor: &Predictor) -> Diagnostics {
         let columns = self.draws.columns.iter().zip(&self.convergence);
-        let problems = data.problems().iter().zip(&self.predicted_convergence);
-        // A probability that is the same whatever the parameters needs no chain to converge.
-        let certain = || {
-            let draws = self.draws.len() as f64;
-            QuantityDiagnostics {
-                rhat: 1.0,
-                ess_bulk: draws,
-                ess_tail: draws,
-            }
-        };
+        let problems = data.problems().iter().enumerate();
         Diagnostics {
             parameters: columns
-                .map(|((name, _), c)| (name.key().to_owned(), (*c).into()))
+                .map(|((name, _), found)| (name.key().to_owned(), (*found).into()))
                 .collect(),
             predicted: problems
-                .map(|(problem, c)| {
-                    (
-                        problem.id.clone(),
-                        c.map_or_else(certain, QuantityDiagnostics::from),
-                    )
+                .map(|(index, problem)| {
+                    let found = self.predicted_convergence[predictor.distinct(index)];
+                    (problem.id.clone(), found.into())
                 })
                 .collect(),
         }
