@@ -11,7 +11,7 @@ use super::maximum_likelihood::Optima;
 use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
-use super::sampled::{Sampled, Sampling, Warm};
+use super::sampled::{Sampling, Warm};
 use super::sampler::{LogDensity, Stopped};
 use super::summary::{FitSummary, ParameterSummary, Source};
 use super::{
@@ -252,6 +252,7 @@ fn fit_from(
         Some(judged) => sampling.finish(judged),
         None => sampling.prior(),
     };
+    let mut workspace = sampling.workspace;
     let optima = match previous.filter(|_| provisional) {
         Some(previous) => Optima::near(&mut posterior, &previous.optima, &sampled.points),
         None => Optima::anywhere(&mut posterior, &sampled.points.points()),
@@ -270,28 +271,26 @@ fn fit_from(
     };
     let accuracy = sampled.accuracy(data, &predictor);
 
-    let mut workspace = Workspace::default();
-    let mut entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
-        let columns = sampled.draws.columns.iter().enumerate();
-        columns
-            .map(|(index, (quantity, values))| {
-                let summary = parameter_summary(
-                    &mut workspace,
-                    &posterior,
-                    *quantity,
-                    &sampled.draws.by_chain(values),
-                    &prior_sorted[index],
-                    sampled.convergence[index],
-                );
-                (quantity.key().to_owned(), summary)
-            })
-            .collect()
-    };
+    let columns = sampled.draws.columns.iter().enumerate();
+    let parameters: OrderedMap<ParameterSummary> = columns
+        .map(|(index, (quantity, values))| {
+            let summary = parameter_summary(
+                &mut workspace,
+                &posterior,
+                *quantity,
+                &sampled.draws.by_chain(values),
+                &prior_sorted[index],
+                sampled.convergence[index],
+            );
+            (quantity.key().to_owned(), summary)
+        })
+        .collect();
+    let predicted = sampled.predicted_shares(&mut workspace, data, &predictor);
     let summary = FitSummary {
         model: model.id.to_owned(),
         converged: sampled.converged,
         provisional,
-        parameters: Some(entries(&sampled)),
+        parameters: Some(parameters),
         max_log_likelihood: Some(highest.ln_likelihood),
         max_likelihood_parameters: Some(
             model
@@ -313,7 +312,7 @@ fn fit_from(
                 .map(|cell| (cell.problem.clone(), cell.ln_kl.clone()))
                 .collect(),
         ),
-        predicted: Some(sampled.predicted_shares(data, &predictor)),
+        predicted: Some(predicted),
         diagnostics: sampled.diagnostics(data, &predictor),
         n: data.n(),
         seed: settings.seed,

@@ -78,8 +78,10 @@ pub(super) struct Judged {
 /// Draws with all that is read off them.
 pub(super) struct Sampled {
     pub(super) draws: Draws,
-    /// ln P(a) by draw for every action of every problem, problem after problem.
+    /// ln P(a) by draw for every action of every distinct problem, problem after problem.
     ln_predicted: Vec<Vec<f64>>,
+    /// The same without the logarithm.
+    predicted: Vec<Vec<f64>>,
     /// Of each column of the draws.
     pub(super) convergence: Vec<Convergence>,
     /// Of each distinct problem, the worst action's.
@@ -277,8 +279,10 @@ impl Sampling<'_> {
             }
             convergence.push(found);
         }
+        let ln_predicted = predictor.of_draws(&draws);
         let mut sampled = Sampled {
-            ln_predicted: predictor.of_draws(&draws),
+            predicted: InstructionSet::widest().run(Exponentials(&ln_predicted)),
+            ln_predicted,
             draws,
             convergence,
             predicted_convergence: Vec::new(),
@@ -366,10 +370,29 @@ impl Sampling<'_> {
     }
 }
 
+/// e to the power of each value of each column.
+struct Exponentials<'a>(&'a [Vec<f64>]);
+
+impl Kernel for Exponentials<'_> {
+    type Output = Vec<Vec<f64>>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<Vec<f64>> {
+        let mut powers = self.0.to_vec();
+        for column in &mut powers {
+            for value in column {
+                *value = exp(*value);
+            }
+        }
+        powers
+    }
+}
+
 /// ln KL of each draw, good to a thousandth: enough for its autocorrelation.
 struct LnDivergences<'a> {
     observed: &'a [f64],
     ln_predicted: &'a [Vec<f64>],
+    predicted: &'a [Vec<f64>],
 }
 
 impl Kernel for LnDivergences<'_> {
@@ -378,17 +401,19 @@ impl Kernel for LnDivergences<'_> {
     #[inline(always)]
     fn run(self) -> Vec<f64> {
         let mut divergences = vec![0.0; self.ln_predicted[0].len()];
-        for (share, column) in self.observed.iter().zip(self.ln_predicted) {
-            for (sum, ln_p) in divergences.iter_mut().zip(column) {
-                let p = exp(*ln_p);
+        let columns = self.ln_predicted.iter().zip(self.predicted);
+        for (share, (ln_predicted, predicted)) in self.observed.iter().zip(columns) {
+            let ln_share = ln(*share);
+            let draws = ln_predicted.iter().zip(predicted);
+            for (sum, (ln_p, p)) in divergences.iter_mut().zip(draws) {
                 // Σ f (x − ln(1 + x)) with x = (p − f)/f, as in the accuracy's own formula.
                 let x = (p - share) / share;
                 let term = if x.abs() < 1e-4 {
                     x * x * (0.5 - x / 3.0)
                 } else {
-                    x - (ln_p - ln(*share))
+                    x - (ln_p - ln_share)
                 };
-                *sum += if *share > 0.0 { share * term } else { p };
+                *sum += if *share > 0.0 { share * term } else { *p };
             }
         }
         for value in &mut divergences {
@@ -409,18 +434,18 @@ impl Sampled {
         workspace: &mut Workspace,
         range: Range<usize>,
     ) -> Convergence {
-        let columns = &self.ln_predicted[range];
-        let totals = columns.iter().map(|column| column.iter().sum::<f64>());
-        let likeliest = totals
+        let means = self.ln_predicted[range.clone()]
+            .iter()
+            .map(|ln_p| mean(ln_p));
+        let likeliest = means
             .enumerate()
             .max_by(|left, right| left.1.total_cmp(&right.1))
             .map(|(index, _)| index);
-        let others = columns.iter().enumerate();
+        // R̂ folds the values about their median, so that of ln P would be another one.
+        let others = self.predicted[range].iter().enumerate();
         others
             .filter(|(index, _)| Some(*index) != likeliest)
-            .filter_map(|(_, column)| {
-                // R̂ folds the values about their median, so that of ln P would be another one.
-                let probabilities: Vec<f64> = column.iter().map(|ln_p| exp(*ln_p)).collect();
+            .filter_map(|(_, probabilities)| {
                 if probabilities.iter().any(|p| p.is_nan()) {
                     return Some(Convergence::NONE);
                 }
@@ -429,7 +454,7 @@ impl Sampled {
                 let moves = probabilities.iter().any(moves);
                 moves.then(|| {
                     workspace
-                        .order(&self.draws.by_chain(&probabilities))
+                        .order(&self.draws.by_chain(probabilities))
                         .convergence(scores)
                 })
             })
@@ -476,9 +501,11 @@ impl Sampled {
                 .iter()
                 .map(|count| *count as f64 / n as f64)
                 .collect();
+            let range = predictor.range(problem);
             let values = InstructionSet::widest().run(LnDivergences {
                 observed: &observed,
-                ln_predicted: &self.ln_predicted[predictor.range(problem)],
+                ln_predicted: &self.ln_predicted[range.clone()],
+                predicted: &self.predicted[range],
             });
             longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(&values)));
         }
@@ -510,26 +537,24 @@ impl Sampled {
 
     pub(super) fn predicted_shares(
         &self,
+        workspace: &mut Workspace,
         data: &ChoiceData,
         predictor: &Predictor,
     ) -> OrderedMap<OrderedMap<PredictedShare>> {
-        let share = |column: &Vec<f64>| {
-            let mut values: Vec<f64> = column.iter().map(|ln_p| ln_p.exp()).collect();
-            values.sort_by(f64::total_cmp);
+        let mut share = |column: &Vec<f64>| {
+            let chains = self.draws.by_chain(column);
+            let ordered = workspace.order(&chains);
+            let values = ordered.values();
             PredictedShare {
-                mean: mean(&values),
-                q5: quantile(&values, 0.05),
-                q95: quantile(&values, 0.95),
+                mean: mean(values),
+                q5: quantile(values, 0.05),
+                q95: quantile(values, 0.95),
             }
         };
-        let columns = |range: Range<usize>| self.ln_predicted[range].iter();
-        let shares: Vec<Vec<PredictedShare>> = predictor
-            .distinct_ranges()
-            .map(|range| columns(range).map(share).collect())
-            .collect();
+        let shares: Vec<PredictedShare> = self.predicted.iter().map(&mut share).collect();
         let of_problem = |(index, problem): (usize, &FittedProblem)| {
             let names = problem.problem.names().map(str::to_owned);
-            let shares = shares[predictor.distinct(index)].iter().cloned();
+            let shares = shares[predictor.range(index)].iter().cloned();
             (problem.id.clone(), names.zip(shares).collect())
         };
         data.problems().iter().enumerate().map(of_problem).collect()
