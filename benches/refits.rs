@@ -82,10 +82,11 @@ fn measure(case: &Case) -> Vec<Refit> {
     refits.collect()
 }
 
-/// The first action of the first problem chosen more often.
+/// The more usual action of the first problem chosen some more times.
 fn with_more_answers(data: &ChoiceData, more: u64) -> ChoiceData {
     let mut counts = data.totals().to_vec();
-    counts[0][0] += more;
+    let usual = counts[0].iter_mut().max().expect("there are actions");
+    *usual += more;
     ChoiceData::from_counts(data.problems().to_vec(), counts).expect("the shapes agree")
 }
 

@@ -57,6 +57,7 @@ fn measure(case: &Case, seed: u64) -> Measured {
     let run = Run {
         seed,
         stream: 1,
+        burn_in: 50,
         draws: DRAWS,
         steps: 1,
     };

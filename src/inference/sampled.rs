@@ -21,6 +21,12 @@ use crate::model::OrderedMap;
 /// Steps of the kernel for each kept draw, in the first round; each further round doubles them.
 const FIRST_STEPS: usize = 2;
 
+/// Draws at the start of each chain that are not kept, when it starts from a point of a wider density.
+const COLD_BURN_IN: usize = 50;
+
+/// The same when it starts from a draw of the posterior before a few more answers, or goes on: as many steps as one cycle has.
+const WARM_BURN_IN: usize = 16;
+
 /// Rounds after which a fit that has not converged is given up: 2 + 4 + … + 64 steps for each draw.
 const MAX_ROUNDS: u32 = 6;
 
@@ -133,7 +139,7 @@ impl Sampling<'_> {
         let mut round = 0;
         loop {
             round += 1;
-            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let chains = self.run(&proposal, &starts, COLD_BURN_IN, steps, round, watch)?;
             let satisfies = chains.acceptance >= LOW_ACCEPTANCE;
             let is_last = round == MAX_ROUNDS;
             if let Some(sampled) = self.read(&chains, &scores, round, satisfies, is_last) {
@@ -174,7 +180,7 @@ impl Sampling<'_> {
         let mut steps = earlier.steps.div_ceil(2);
         let mut fitted = Some(earlier.acceptance);
         for round in 1..=WARM_ROUNDS {
-            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let chains = self.run(&proposal, &starts, WARM_BURN_IN, steps, round, watch)?;
             let satisfies = chains.acceptance >= WARM_ACCEPTANCE;
             if let Some(sampled) = self.read(&chains, &scores, round, satisfies, false) {
                 return Ok(Some(Judged {
@@ -221,6 +227,7 @@ impl Sampling<'_> {
         &mut self,
         proposal: &Proposal,
         starts: &[Vec<f64>],
+        burn_in: usize,
         steps: usize,
         round: u32,
         watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -228,6 +235,7 @@ impl Sampling<'_> {
         let run = Run {
             seed: self.settings.seed,
             stream: self.generation_bits() + (u64::from(round) << 32),
+            burn_in,
             draws: self.settings.draws,
             steps,
         };
