@@ -50,8 +50,8 @@ impl Convergence {
         ess_tail: f64::NAN,
     };
 
-    /// Of draws that are independent of each other by construction: there is no chain to converge.
-    pub fn of_independent(draws: usize) -> Self {
+    /// Of draws that are the same whatever the chains do, which need not converge.
+    pub fn of_constant(draws: usize) -> Self {
         Self {
             rhat: 1.0,
             ess_bulk: draws as f64,

@@ -45,6 +45,9 @@ const WORN_SHARE: f64 = 0.85;
 /// Rounds of expectation maximisation that do so.
 const WARM_FIT_ROUNDS: usize = 3;
 
+/// Among so many independent draws neither an R̂ of 1.01 nor an effective sample size of 400 is within reach.
+const MANY_DRAWS: usize = 4000;
+
 /// Independent samples are at least this many integrated autocorrelation times apart.
 const SAMPLE_SPACING: f64 = 3.0;
 
@@ -90,6 +93,8 @@ pub(super) struct Sampled {
     predicted: Vec<Vec<f64>>,
     /// Of each column of the draws.
     pub(super) convergence: Vec<Convergence>,
+    /// Columns whose convergence is not known yet, since it was not in question.
+    unmeasured: Vec<usize>,
     /// Of each distinct problem, the worst action's.
     predicted_convergence: Vec<Convergence>,
     pub(super) converged: bool,
@@ -275,14 +280,18 @@ impl Sampling<'_> {
             workspace,
             ..
         } = self;
+        let mut agree = true;
         let mut convergence = Vec::with_capacity(draws.columns.len());
-        for (quantity, values) in &draws.columns {
-            let found = if self.posterior.is_drawn_from_prior(*quantity) {
-                Convergence::of_independent(draws.len())
-            } else {
-                workspace.order(&draws.by_chain(values)).convergence(scores)
-            };
-            if !found.is_converged() && !is_last {
+        let mut unmeasured = Vec::new();
+        for (index, (quantity, values)) in draws.columns.iter().enumerate() {
+            if draws.len() >= MANY_DRAWS && self.posterior.is_drawn_from_prior(*quantity) {
+                unmeasured.push(index);
+                convergence.push(Convergence::NONE);
+                continue;
+            }
+            let found = workspace.order(&draws.by_chain(values)).convergence(scores);
+            agree &= found.is_converged();
+            if !agree && !is_last {
                 return None;
             }
             convergence.push(found);
@@ -293,6 +302,7 @@ impl Sampling<'_> {
             ln_predicted,
             draws,
             convergence,
+            unmeasured,
             predicted_convergence: Vec::new(),
             converged: false,
             sample_indices: Vec::new(),
@@ -304,17 +314,12 @@ impl Sampling<'_> {
         };
         for range in predictor.distinct_ranges() {
             let found = sampled.problem_convergence(scores, workspace, range);
-            if !found.is_converged() && !is_last {
+            agree &= found.is_converged();
+            if !agree && !is_last {
                 return None;
             }
             sampled.predicted_convergence.push(found);
         }
-        let of_predicted = &sampled.predicted_convergence;
-        let agree = sampled
-            .convergence
-            .iter()
-            .chain(of_predicted)
-            .all(Convergence::is_converged);
         sampled.sample_indices = sampled.spaced_samples(settings.samples);
         let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
         let moves = |quantity| !self.posterior.is_drawn_from_prior(quantity);
@@ -333,6 +338,7 @@ impl Sampling<'_> {
             fitted,
             scores,
         } = judged;
+        sampled.measure_prior_draws(&mut self.workspace, &scores);
         let mut rng = self.stream(EVIDENCE_STREAM, 0);
         let draws = self.settings.chains * self.settings.draws;
         let (value, se) = ln_evidence(self.posterior, &proposal, draws, &mut rng);
@@ -366,9 +372,11 @@ impl Sampling<'_> {
             coordinates: Vec::new(),
             acceptance: 1.0,
         };
+        let scores = self.scores();
         let mut sampled = self
-            .read(&chains, &self.scores(), 0, true, true)
+            .read(&chains, &scores, 0, true, true)
             .expect("what is last is read");
+        sampled.measure_prior_draws(&mut self.workspace, &scores);
         // Nothing depends on the parameters, the likelihood least of all.
         sampled.ln_evidence = Some(Estimate {
             value: self.posterior.ln_likelihood_at_random(),
@@ -434,6 +442,17 @@ impl Kernel for LnDivergences<'_> {
 }
 
 impl Sampled {
+    /// Finds out the convergence of draws straight from the prior, which no chain had to bring about.
+    fn measure_prior_draws(&mut self, workspace: &mut Workspace, scores: &NormalScores) {
+        for index in std::mem::take(&mut self.unmeasured) {
+            let (_, values) = &self.draws.columns[index];
+            let chains = self.draws.by_chain(values);
+            let found = workspace.order(&chains).convergence(scores);
+            self.converged &= found.is_converged();
+            self.convergence[index] = found;
+        }
+    }
+
     /// The worst convergence of the probabilities of one problem's actions. The likeliest of them follows from the others,
     /// whatever the order of actions; what is the same in all draws needs no chain to converge.
     fn problem_convergence(
@@ -467,7 +486,7 @@ impl Sampled {
                 })
             })
             .reduce(Convergence::worse)
-            .unwrap_or(Convergence::of_independent(self.draws.len()))
+            .unwrap_or(Convergence::of_constant(self.draws.len()))
     }
 
     /// Draws at equal distances within each chain, chains in turn.
