@@ -6,11 +6,13 @@
 use std::ops::ControlFlow;
 
 use riskaware::inference::LnPosterior;
-use riskaware::inference::diagnostics::{Convergence, NormalScores};
+use riskaware::inference::diagnostics::{NormalScores, Workspace};
 use riskaware::inference::sampler::{Run, adapt, random_stream, run_chains, warm_up};
 
+mod cpu_time;
 mod posteriors;
 
+use cpu_time::CpuTime;
 use posteriors::{Case, cases};
 
 const CHAINS: usize = 8;
@@ -46,15 +48,16 @@ fn measure(case: &Case, seed: u64) -> Measured {
     let mut density =
         LnPosterior::new(case.model, &case.data, &case.settings).expect("settings are valid");
     let mut watch = || ControlFlow::Continue(());
-    let start = cpu_seconds();
+    let clock = CpuTime::start();
     let warm = warm_up(&mut density, seed, &mut watch).expect("nothing stops it");
     let mut rng = random_stream(seed, u64::MAX - 1);
     let proposal =
         adapt(&mut density, warm.proposal.clone(), &mut rng, &mut watch).expect("nothing stops it");
-    let warmed = cpu_seconds();
+    let warmed = clock.seconds();
     let run = Run {
         seed,
         stream: 1,
+        burn_in: 50,
         draws: DRAWS,
         steps: 1,
     };
@@ -66,29 +69,26 @@ fn measure(case: &Case, seed: u64) -> Measured {
         &mut watch,
     )
     .expect("nothing stops it");
-    let end = cpu_seconds();
+    let end = clock.seconds();
 
     let draws = density.draws(&chains, seed);
     let predicted = density.ln_predicted(&draws);
     let columns = draws.columns.iter().map(|(_, values)| values);
     let scores = NormalScores::new(CHAINS * DRAWS);
+    let mut workspace = Workspace::default();
     let (mut ess, mut rhat) = (f64::INFINITY, 0.0_f64);
     for column in columns.chain(&predicted) {
-        let found = Convergence::with(&scores, &draws.by_chain(column));
+        let found = workspace
+            .order(&draws.by_chain(column))
+            .convergence(&scores);
         ess = ess.min(found.ess_bulk);
         rhat = rhat.max(found.rhat);
     }
     Measured {
         rate: ess / (end - warmed),
-        rate_with_warm_up: ess / (end - start),
+        rate_with_warm_up: ess / end,
         nanoseconds: (end - warmed) * 1e9 / (CHAINS * DRAWS) as f64,
         acceptance: chains.acceptance,
         rhat,
     }
-}
-
-/// CPU time of this thread, which other programs do not lengthen.
-fn cpu_seconds() -> f64 {
-    let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }

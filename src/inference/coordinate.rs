@@ -74,6 +74,29 @@ impl Coordinate {
         }
     }
 
+    /// Values drawn from the prior.
+    #[inline(always)]
+    pub(super) fn draw_values<const W: usize>(
+        &self,
+        random: &mut LaneRandom,
+        values: &mut [f64; W],
+    ) {
+        match *self {
+            Self::Logit { low, width, high } => {
+                random.fill_uniform(values);
+                for value in values {
+                    *value = at_least_tiny(low + width * *value).min(high);
+                }
+            }
+            Self::Logarithm { .. } => {
+                self.draw(random, values);
+                for value in values {
+                    *value = at_least_tiny(exp(*value)).min(f64::MAX);
+                }
+            }
+        }
+    }
+
     /// Coordinates drawn from the prior.
     #[inline(always)]
     pub(super) fn draw<const W: usize>(&self, random: &mut LaneRandom, position: &mut [f64; W]) {

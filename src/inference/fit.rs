@@ -5,13 +5,13 @@ use std::ops::ControlFlow;
 use serde::Serialize;
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, mean, quantile, variance};
+use super::diagnostics::{Convergence, Workspace, mean, quantile, variance};
 use super::likelihood::Predictor;
 use super::maximum_likelihood::Optima;
 use super::notes::annotate;
 use super::posterior::Posterior;
 use super::reference_reward::check_reference_reward;
-use super::sampled::{Sampled, Sampling, Warm};
+use super::sampled::{Sampling, Warm};
 use super::sampler::{LogDensity, Stopped};
 use super::summary::{FitSummary, ParameterSummary, Source};
 use super::{
@@ -232,6 +232,7 @@ fn fit_from(
         data,
         settings,
         generation: 0,
+        workspace: Workspace::default(),
     };
     let warm = match earlier {
         Some(earlier) => sampling.warm(earlier, watch)?,
@@ -251,6 +252,7 @@ fn fit_from(
         Some(judged) => sampling.finish(judged),
         None => sampling.prior(),
     };
+    let mut workspace = sampling.workspace;
     let optima = match previous.filter(|_| provisional) {
         Some(previous) => Optima::near(&mut posterior, &previous.optima, &sampled.points),
         None => Optima::anywhere(&mut posterior, &sampled.points.points()),
@@ -269,26 +271,26 @@ fn fit_from(
     };
     let accuracy = sampled.accuracy(data, &predictor);
 
-    let entries = |sampled: &Sampled| -> OrderedMap<ParameterSummary> {
-        let columns = sampled.draws.columns.iter().enumerate();
-        columns
-            .map(|(index, (quantity, values))| {
-                let summary = parameter_summary(
-                    &posterior,
-                    *quantity,
-                    &sampled.draws.by_chain(values),
-                    &prior_sorted[index],
-                    sampled.convergence[index],
-                );
-                (quantity.key().to_owned(), summary)
-            })
-            .collect()
-    };
+    let columns = sampled.draws.columns.iter().enumerate();
+    let parameters: OrderedMap<ParameterSummary> = columns
+        .map(|(index, (quantity, values))| {
+            let summary = parameter_summary(
+                &mut workspace,
+                &posterior,
+                *quantity,
+                &sampled.draws.by_chain(values),
+                &prior_sorted[index],
+                sampled.convergence[index],
+            );
+            (quantity.key().to_owned(), summary)
+        })
+        .collect();
+    let predicted = sampled.predicted_shares(&mut workspace, data, &predictor);
     let summary = FitSummary {
         model: model.id.to_owned(),
         converged: sampled.converged,
         provisional,
-        parameters: Some(entries(&sampled)),
+        parameters: Some(parameters),
         max_log_likelihood: Some(highest.ln_likelihood),
         max_likelihood_parameters: Some(
             model
@@ -310,8 +312,8 @@ fn fit_from(
                 .map(|cell| (cell.problem.clone(), cell.ln_kl.clone()))
                 .collect(),
         ),
-        predicted: Some(sampled.predicted_shares(data, &predictor)),
-        diagnostics: sampled.diagnostics(data),
+        predicted: Some(predicted),
+        diagnostics: sampled.diagnostics(data, &predictor),
         n: data.n(),
         seed: settings.seed,
         chains: settings.chains,
@@ -391,31 +393,32 @@ impl From<Stopped> for FitError {
 }
 
 fn parameter_summary(
+    workspace: &mut Workspace,
     posterior: &Posterior,
     quantity: Quantity,
     chains: &[&[f64]],
     prior: &[f64],
     convergence: Convergence,
 ) -> ParameterSummary {
-    let mut values = chains.concat();
-    let coordinates: Vec<f64> = values
+    let mut ordered = workspace.order(chains);
+    let coordinates: Vec<f64> = ordered
+        .values()
         .iter()
         .map(|value| posterior.coordinate(quantity, *value))
         .collect();
     let contraction = 1.0 - variance(&coordinates) / posterior.prior_coordinate_variance(quantity);
-    values.sort_by(f64::total_cmp);
     let from_prior = posterior.is_prior(quantity);
     ParameterSummary {
-        mean: mean(&values),
-        sd: variance(&values).sqrt(),
-        q5: quantile(&values, 0.05),
-        q50: quantile(&values, 0.5),
-        q95: quantile(&values, 0.95),
+        mean: mean(ordered.values()),
+        sd: variance(ordered.values()).sqrt(),
+        q5: quantile(ordered.values(), 0.05),
+        q50: quantile(ordered.values(), 0.5),
+        q95: quantile(ordered.values(), 0.95),
         rhat: convergence.rhat,
         ess_bulk: convergence.ess_bulk,
         ess_tail: convergence.ess_tail,
-        mcse_mean: diagnostics::mcse_mean(chains),
-        mcse_q50: diagnostics::mcse_quantile(chains, 0.5),
+        mcse_mean: ordered.mcse_mean(),
+        mcse_q50: ordered.mcse_quantile(0.5),
         prior_q5: quantile(prior, 0.05),
         prior_q50: quantile(prior, 0.5),
         prior_q95: quantile(prior, 0.95),

@@ -3,6 +3,7 @@
 use std::array;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
 use super::lanes::{InstructionSet, Kernel, LANES, exp, ln, ln_1p_of_share};
 use super::utility_table::{ParameterLanes, UtilityTable, lanes_of};
@@ -258,16 +259,16 @@ fn behind(highest: f64, utility: f64, theta: f64) -> f64 {
     }
 }
 
-/// ln P(a) for the actions of many problems at once.
+/// ln P(a) for the actions of many problems at once, equal problems once.
 #[derive(Debug, Clone)]
 pub(super) struct Predictor {
     table: UtilityTable,
-    /// Which prospects of the table the actions have, problem after problem.
+    /// Which prospects of the table the actions have, distinct problem after distinct problem.
     prospects: Vec<u32>,
-    /// Where each problem's actions begin and end among them.
+    /// Where each distinct problem's actions begin and end among them.
     ends: Vec<usize>,
-    /// The first problem with the same prospects in the same order.
-    same: Vec<usize>,
+    /// Which distinct problem each problem is: the same prospects in the same order.
+    distinct: Vec<usize>,
 }
 
 impl Predictor {
@@ -275,36 +276,37 @@ impl Predictor {
         problems: impl IntoIterator<Item = &'a ChoiceProblem>,
         options: RiskAwareOptions,
     ) -> Self {
-        let mut distinct: HashMap<Vec<u64>, u32> = HashMap::new();
+        let mut known_prospects: HashMap<Vec<u64>, u32> = HashMap::new();
+        let mut known_problems: HashMap<Vec<u32>, usize> = HashMap::new();
         let mut tabled = Vec::new();
         let mut prospects = Vec::new();
         let mut ends = vec![0];
-        let mut seen: HashMap<Vec<u32>, usize> = HashMap::new();
-        let mut same = Vec::new();
+        let mut distinct = Vec::new();
         for problem in problems {
-            let start = prospects.len();
-            for action in problem.actions() {
+            let actions = problem.actions().iter().map(|action| {
                 let key = key(&action.prospect)
                     .into_iter()
                     .map(f64::to_bits)
                     .collect();
-                let place = distinct.entry(key).or_insert_with(|| {
+                *known_prospects.entry(key).or_insert_with(|| {
                     tabled.push(&action.prospect);
                     tabled.len() as u32 - 1
-                });
-                prospects.push(*place);
-            }
-            ends.push(prospects.len());
-            let first = seen
-                .entry(prospects[start..].to_vec())
-                .or_insert(same.len());
-            same.push(*first);
+                })
+            });
+            let actions: Vec<u32> = actions.collect();
+            let next = known_problems.len();
+            let place = *known_problems.entry(actions).or_insert_with_key(|actions| {
+                prospects.extend_from_slice(actions);
+                ends.push(prospects.len());
+                next
+            });
+            distinct.push(place);
         }
         Self {
             table: UtilityTable::new(tabled, options),
             prospects,
             ends,
-            same,
+            distinct,
         }
     }
 
@@ -312,10 +314,14 @@ impl Predictor {
     pub(super) fn ln_probabilities(&mut self, parameters: &Parameters) -> Vec<f64> {
         let mut found = vec![[0.0; 1]; self.prospects.len()];
         self.of_lanes(&lanes_of(parameters), &mut found);
-        found.into_iter().flatten().collect()
+        let problems = 0..self.problems();
+        problems
+            .flat_map(|problem| &found[self.range(problem)])
+            .map(|[ln_p]| *ln_p)
+            .collect()
     }
 
-    /// ln P(a) for all draws: a column for each problem and action, problem after problem.
+    /// ln P(a) for all draws: a column for each action of each distinct problem, which [`range`](Self::range) finds.
     pub(super) fn of_draws(&mut self, draws: &Draws) -> Vec<Vec<f64>> {
         const W: usize = 4 * LANES;
         let mut columns = vec![vec![0.0; draws.len()]; self.prospects.len()];
@@ -354,12 +360,7 @@ impl Predictor {
     ) {
         let theta = &parameters[Parameter::Theta as usize];
         let utilities = self.table.utilities(parameters);
-        for (problem, pair) in self.ends.windows(2).enumerate() {
-            let same = self.same[problem];
-            if same < problem {
-                ln_probabilities.copy_within(self.ends[same]..self.ends[same + 1], pair[0]);
-                continue;
-            }
+        for pair in self.ends.windows(2) {
             let prospects = &self.prospects[pair[0]..pair[1]];
             let results = &mut ln_probabilities[pair[0]..pair[1]];
             let (highest, _) = extremes(utilities, prospects);
@@ -392,17 +393,23 @@ impl Predictor {
 
     /// How many problems there are.
     pub(super) fn problems(&self) -> usize {
-        self.same.len()
+        self.distinct.len()
     }
 
-    /// The first problem with the same prospects in the same order, this one if there is none before.
-    pub(super) fn same_as(&self, problem: usize) -> usize {
-        self.same[problem]
+    /// Which distinct problem a problem is, counted from 0 as they first come.
+    pub(super) fn distinct(&self, problem: usize) -> usize {
+        self.distinct[problem]
     }
 
-    /// Where the actions of a problem stand among all.
-    pub(super) fn range(&self, problem: usize) -> std::ops::Range<usize> {
-        self.ends[problem]..self.ends[problem + 1]
+    /// Where the actions of each distinct problem stand among all columns.
+    pub(super) fn distinct_ranges(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        self.ends.windows(2).map(|pair| pair[0]..pair[1])
+    }
+
+    /// Where the actions of a problem stand among all columns.
+    pub(super) fn range(&self, problem: usize) -> Range<usize> {
+        let distinct = self.distinct[problem];
+        self.ends[distinct]..self.ends[distinct + 1]
     }
 }
 

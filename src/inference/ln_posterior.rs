@@ -57,13 +57,9 @@ impl LnPosterior {
     /// ln P(a) by draw for every action but the last of every problem, equal problems once.
     pub fn ln_predicted(&mut self, draws: &Draws) -> Vec<Vec<f64>> {
         let mut columns = self.predictor.of_draws(draws);
-        let problems = 0..self.predictor.problems();
-        problems
-            .filter(|problem| self.predictor.same_as(*problem) == *problem)
-            .flat_map(|problem| {
-                let range = self.predictor.range(problem);
-                range.start..range.end - 1
-            })
+        self.predictor
+            .distinct_ranges()
+            .flat_map(|range| range.start..range.end - 1)
             .map(|column| std::mem::take(&mut columns[column]))
             .collect()
     }

@@ -72,11 +72,14 @@ impl Posterior {
 
     /// Whether choices say nothing about a quantity, so that its posterior is its prior.
     pub(super) fn is_prior(&self, quantity: Quantity) -> bool {
+        let is_theta = quantity == Quantity::Parameter(Parameter::Theta);
+        self.is_drawn_from_prior(quantity) || is_theta && self.is_losses_only()
+    }
+
+    /// Whether draws of a quantity come straight from the prior, each independent of all others: they depend on no chain.
+    pub(super) fn is_drawn_from_prior(&self, quantity: Quantity) -> bool {
         let inert = |parameter| self.space.inert.contains(&parameter);
         match quantity {
-            Quantity::Parameter(Parameter::Theta) => {
-                inert(Parameter::Theta) || self.is_losses_only()
-            }
             Quantity::Parameter(parameter) => inert(parameter),
             Quantity::Tau | Quantity::LambdaTheta => inert(Parameter::Theta),
         }
@@ -411,15 +414,12 @@ impl Kernel for Locate<'_> {
         let mut tau = [posterior.space.rest_tau; BLOCK];
         for name in &posterior.space.inert {
             let coordinate = Coordinate::of(posterior.space.priors.of(*name));
-            let mut position = [0.0; BLOCK];
-            coordinate.draw(random, &mut position);
-            let (mut ln_prior, mut product) = ([0.0; BLOCK], [1.0; BLOCK]);
             let values = if *name == Parameter::Theta {
                 &mut tau
             } else {
                 &mut parameters[*name as usize]
             };
-            coordinate.place(&position, values, &mut ln_prior, &mut product);
+            coordinate.draw_values(random, values);
         }
         posterior.space.place(positions, &mut parameters);
         posterior.complete_lanes(positions, parameters, tau)

@@ -7,19 +7,25 @@ use std::sync::Arc;
 use rand_chacha::ChaCha12Rng;
 
 use super::accuracy::CellAccuracy;
-use super::diagnostics::{self, Convergence, NormalScores, mean, quantile};
+use super::diagnostics::{Convergence, NormalScores, Workspace, mean, quantile};
 use super::lanes::{InstructionSet, Kernel, exp, ln};
 use super::likelihood::Predictor;
 use super::posterior::Posterior;
 use super::sampler::{
     Chains, Cloud, Proposal, Run, Watch, adapt, ln_evidence, random_stream, run_chains, warm_up,
 };
-use super::summary::{Diagnostics, Estimate, PredictedShare, QuantityDiagnostics};
-use super::{ChoiceData, Draws, FitError, FitSettings, FittedProblem, Progress};
+use super::summary::{Diagnostics, Estimate, PredictedShare};
+use super::{ChoiceData, Draws, FitError, FitSettings, FittedProblem, Progress, Quantity};
 use crate::model::OrderedMap;
 
 /// Steps of the kernel for each kept draw, in the first round; each further round doubles them.
 const FIRST_STEPS: usize = 2;
+
+/// Draws at the start of each chain that are not kept, when it starts from a point of a wider density.
+const COLD_BURN_IN: usize = 50;
+
+/// The same when it starts from a draw of the posterior before a few more answers, or goes on: as many steps as one cycle has.
+const WARM_BURN_IN: usize = 16;
 
 /// Rounds after which a fit that has not converged is given up: 2 + 4 + … + 64 steps for each draw.
 const MAX_ROUNDS: u32 = 6;
@@ -38,6 +44,9 @@ const WORN_SHARE: f64 = 0.85;
 
 /// Rounds of expectation maximisation that do so.
 const WARM_FIT_ROUNDS: usize = 3;
+
+/// Among so many independent draws neither an R̂ of 1.01 nor an effective sample size of 400 is within reach.
+const MANY_DRAWS: usize = 4000;
 
 /// Independent samples are at least this many integrated autocorrelation times apart.
 const SAMPLE_SPACING: f64 = 3.0;
@@ -78,12 +87,16 @@ pub(super) struct Judged {
 /// Draws with all that is read off them.
 pub(super) struct Sampled {
     pub(super) draws: Draws,
-    /// ln P(a) by draw for every action of every problem, problem after problem.
+    /// ln P(a) by draw for every action of every distinct problem, problem after problem.
     ln_predicted: Vec<Vec<f64>>,
+    /// The same without the logarithm.
+    predicted: Vec<Vec<f64>>,
     /// Of each column of the draws.
     pub(super) convergence: Vec<Convergence>,
-    /// Of each problem, the worst action's; nothing where the probabilities are the same for all parameters.
-    predicted_convergence: Vec<Option<Convergence>>,
+    /// Columns whose convergence is not known yet, since it was not in question.
+    unmeasured: Vec<usize>,
+    /// Of each distinct problem, the worst action's.
+    predicted_convergence: Vec<Convergence>,
     pub(super) converged: bool,
     pub(super) sample_indices: Vec<usize>,
     pub(super) steps_per_draw: usize,
@@ -103,6 +116,8 @@ pub(super) struct Sampling<'a> {
     pub(super) settings: &'a FitSettings,
     /// Of the fit that is made: 0 when it is cold.
     pub(super) generation: u64,
+    /// For diagnostics.
+    pub(super) workspace: Workspace,
 }
 
 impl Sampling<'_> {
@@ -129,7 +144,7 @@ impl Sampling<'_> {
         let mut round = 0;
         loop {
             round += 1;
-            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let chains = self.run(&proposal, &starts, COLD_BURN_IN, steps, round, watch)?;
             let satisfies = chains.acceptance >= LOW_ACCEPTANCE;
             let is_last = round == MAX_ROUNDS;
             if let Some(sampled) = self.read(&chains, &scores, round, satisfies, is_last) {
@@ -170,7 +185,7 @@ impl Sampling<'_> {
         let mut steps = earlier.steps.div_ceil(2);
         let mut fitted = Some(earlier.acceptance);
         for round in 1..=WARM_ROUNDS {
-            let chains = self.run(&proposal, &starts, steps, round, watch)?;
+            let chains = self.run(&proposal, &starts, WARM_BURN_IN, steps, round, watch)?;
             let satisfies = chains.acceptance >= WARM_ACCEPTANCE;
             if let Some(sampled) = self.read(&chains, &scores, round, satisfies, false) {
                 return Ok(Some(Judged {
@@ -217,6 +232,7 @@ impl Sampling<'_> {
         &mut self,
         proposal: &Proposal,
         starts: &[Vec<f64>],
+        burn_in: usize,
         steps: usize,
         round: u32,
         watch: &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -224,6 +240,7 @@ impl Sampling<'_> {
         let run = Run {
             seed: self.settings.seed,
             stream: self.generation_bits() + (u64::from(round) << 32),
+            burn_in,
             draws: self.settings.draws,
             steps,
         };
@@ -251,14 +268,64 @@ impl Sampling<'_> {
         }
         let mut rng = self.stream(INERT_STREAM, round);
         let draws = self.posterior.draws(chains, &mut rng);
-        Sampled::of(
+        self.judge(draws, scores, is_last)
+    }
+
+    /// What draws say; nothing if they have not converged, unless they are the last.
+    fn judge(&mut self, draws: Draws, scores: &NormalScores, is_last: bool) -> Option<Sampled> {
+        let Self {
+            predictor,
+            data,
+            settings,
+            workspace,
+            ..
+        } = self;
+        let mut agree = true;
+        let mut convergence = Vec::with_capacity(draws.columns.len());
+        let mut unmeasured = Vec::new();
+        for (index, (quantity, values)) in draws.columns.iter().enumerate() {
+            if draws.len() >= MANY_DRAWS && self.posterior.is_drawn_from_prior(*quantity) {
+                unmeasured.push(index);
+                convergence.push(Convergence::NONE);
+                continue;
+            }
+            let found = workspace.order(&draws.by_chain(values)).convergence(scores);
+            agree &= found.is_converged();
+            if !agree && !is_last {
+                return None;
+            }
+            convergence.push(found);
+        }
+        let ln_predicted = predictor.of_draws(&draws);
+        let mut sampled = Sampled {
+            predicted: InstructionSet::widest().run(Exponentials(&ln_predicted)),
+            ln_predicted,
             draws,
-            scores,
-            self.predictor,
-            self.data,
-            self.settings,
-            is_last,
-        )
+            convergence,
+            unmeasured,
+            predicted_convergence: Vec::new(),
+            converged: false,
+            sample_indices: Vec::new(),
+            steps_per_draw: 1,
+            acceptance: None,
+            ln_evidence: None,
+            points: Cloud::new(Vec::new()),
+            warm: None,
+        };
+        for range in predictor.distinct_ranges() {
+            let found = sampled.problem_convergence(scores, workspace, range);
+            agree &= found.is_converged();
+            if !agree && !is_last {
+                return None;
+            }
+            sampled.predicted_convergence.push(found);
+        }
+        sampled.sample_indices = sampled.spaced_samples(settings.samples);
+        let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
+        let moves = |quantity| !self.posterior.is_drawn_from_prior(quantity);
+        let needed = sampled.needed_spacing(workspace, moves, data, predictor);
+        sampled.converged = agree && spacing >= needed;
+        (sampled.converged || is_last).then_some(sampled)
     }
 
     /// Adds what no statement about convergence needs: the evidence, and what the next fit starts from.
@@ -271,6 +338,7 @@ impl Sampling<'_> {
             fitted,
             scores,
         } = judged;
+        sampled.measure_prior_draws(&mut self.workspace, &scores);
         let mut rng = self.stream(EVIDENCE_STREAM, 0);
         let draws = self.settings.chains * self.settings.draws;
         let (value, se) = ln_evidence(self.posterior, &proposal, draws, &mut rng);
@@ -304,9 +372,11 @@ impl Sampling<'_> {
             coordinates: Vec::new(),
             acceptance: 1.0,
         };
+        let scores = self.scores();
         let mut sampled = self
-            .read(&chains, &self.scores(), 0, true, true)
+            .read(&chains, &scores, 0, true, true)
             .expect("what is last is read");
+        sampled.measure_prior_draws(&mut self.workspace, &scores);
         // Nothing depends on the parameters, the likelihood least of all.
         sampled.ln_evidence = Some(Estimate {
             value: self.posterior.ln_likelihood_at_random(),
@@ -316,10 +386,29 @@ impl Sampling<'_> {
     }
 }
 
+/// e to the power of each value of each column.
+struct Exponentials<'a>(&'a [Vec<f64>]);
+
+impl Kernel for Exponentials<'_> {
+    type Output = Vec<Vec<f64>>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<Vec<f64>> {
+        let mut powers = self.0.to_vec();
+        for column in &mut powers {
+            for value in column {
+                *value = exp(*value);
+            }
+        }
+        powers
+    }
+}
+
 /// ln KL of each draw, good to a thousandth: enough for its autocorrelation.
 struct LnDivergences<'a> {
     observed: &'a [f64],
     ln_predicted: &'a [Vec<f64>],
+    predicted: &'a [Vec<f64>],
 }
 
 impl Kernel for LnDivergences<'_> {
@@ -328,17 +417,19 @@ impl Kernel for LnDivergences<'_> {
     #[inline(always)]
     fn run(self) -> Vec<f64> {
         let mut divergences = vec![0.0; self.ln_predicted[0].len()];
-        for (share, column) in self.observed.iter().zip(self.ln_predicted) {
-            for (sum, ln_p) in divergences.iter_mut().zip(column) {
-                let p = exp(*ln_p);
+        let columns = self.ln_predicted.iter().zip(self.predicted);
+        for (share, (ln_predicted, predicted)) in self.observed.iter().zip(columns) {
+            let ln_share = ln(*share);
+            let draws = ln_predicted.iter().zip(predicted);
+            for (sum, (ln_p, p)) in divergences.iter_mut().zip(draws) {
                 // Σ f (x − ln(1 + x)) with x = (p − f)/f, as in the accuracy's own formula.
                 let x = (p - share) / share;
                 let term = if x.abs() < 1e-4 {
                     x * x * (0.5 - x / 3.0)
                 } else {
-                    x - (ln_p - ln(*share))
+                    x - (ln_p - ln_share)
                 };
-                *sum += if *share > 0.0 { share * term } else { p };
+                *sum += if *share > 0.0 { share * term } else { *p };
             }
         }
         for value in &mut divergences {
@@ -351,59 +442,15 @@ impl Kernel for LnDivergences<'_> {
 }
 
 impl Sampled {
-    /// What draws say; nothing if they have not converged, unless they are the last.
-    fn of(
-        draws: Draws,
-        scores: &NormalScores,
-        predictor: &mut Predictor,
-        data: &ChoiceData,
-        settings: &FitSettings,
-        is_last: bool,
-    ) -> Option<Self> {
-        let mut convergence = Vec::with_capacity(draws.columns.len());
-        for (_, values) in &draws.columns {
-            let found = Convergence::with(scores, &draws.by_chain(values));
-            if !found.is_converged() && !is_last {
-                return None;
-            }
-            convergence.push(found);
+    /// Finds out the convergence of draws straight from the prior, which no chain had to bring about.
+    fn measure_prior_draws(&mut self, workspace: &mut Workspace, scores: &NormalScores) {
+        for index in std::mem::take(&mut self.unmeasured) {
+            let (_, values) = &self.draws.columns[index];
+            let chains = self.draws.by_chain(values);
+            let found = workspace.order(&chains).convergence(scores);
+            self.converged &= found.is_converged();
+            self.convergence[index] = found;
         }
-        let ln_predicted = predictor.of_draws(&draws);
-        let mut sampled = Self {
-            draws,
-            ln_predicted,
-            convergence,
-            predicted_convergence: Vec::with_capacity(data.problems().len()),
-            converged: false,
-            sample_indices: Vec::new(),
-            steps_per_draw: 1,
-            acceptance: None,
-            ln_evidence: None,
-            points: Cloud::new(Vec::new()),
-            warm: None,
-        };
-        for problem in 0..data.problems().len() {
-            let same = predictor.same_as(problem);
-            let found = if same < problem {
-                sampled.predicted_convergence[same]
-            } else {
-                sampled.problem_convergence(scores, predictor.range(problem))
-            };
-            if found.is_some_and(|found| !found.is_converged()) && !is_last {
-                return None;
-            }
-            sampled.predicted_convergence.push(found);
-        }
-        let of_predicted = sampled.predicted_convergence.iter().flatten();
-        let agree = sampled
-            .convergence
-            .iter()
-            .chain(of_predicted)
-            .all(Convergence::is_converged);
-        sampled.sample_indices = sampled.spaced_samples(settings.samples);
-        let spacing = settings.draws as f64 / settings.samples.div_ceil(settings.chains) as f64;
-        sampled.converged = agree && spacing >= sampled.needed_spacing(data, predictor);
-        (sampled.converged || is_last).then_some(sampled)
     }
 
     /// The worst convergence of the probabilities of one problem's actions. The likeliest of them follows from the others,
@@ -411,29 +458,35 @@ impl Sampled {
     fn problem_convergence(
         &self,
         scores: &NormalScores,
+        workspace: &mut Workspace,
         range: Range<usize>,
-    ) -> Option<Convergence> {
-        let columns = &self.ln_predicted[range];
-        let totals = columns.iter().map(|column| column.iter().sum::<f64>());
-        let likeliest = totals
+    ) -> Convergence {
+        let means = self.ln_predicted[range.clone()]
+            .iter()
+            .map(|ln_p| mean(ln_p));
+        let likeliest = means
             .enumerate()
             .max_by(|left, right| left.1.total_cmp(&right.1))
             .map(|(index, _)| index);
-        let others = columns.iter().enumerate();
+        // R̂ folds the values about their median, so that of ln P would be another one.
+        let others = self.predicted[range].iter().enumerate();
         others
             .filter(|(index, _)| Some(*index) != likeliest)
-            .filter_map(|(_, column)| {
-                // R̂ folds the values about their median, so that of ln P would be another one.
-                let probabilities: Vec<f64> = column.iter().map(|ln_p| exp(*ln_p)).collect();
+            .filter_map(|(_, probabilities)| {
                 if probabilities.iter().any(|p| p.is_nan()) {
                     return Some(Convergence::NONE);
                 }
                 let first = probabilities[0];
                 let moves = |p: &f64| (p - first).abs() > 1e-12 * first;
                 let moves = probabilities.iter().any(moves);
-                moves.then(|| Convergence::with(scores, &self.draws.by_chain(&probabilities)))
+                moves.then(|| {
+                    workspace
+                        .order(&self.draws.by_chain(probabilities))
+                        .convergence(scores)
+                })
             })
             .reduce(Convergence::worse)
+            .unwrap_or(Convergence::of_constant(self.draws.len()))
     }
 
     /// Draws at equal distances within each chain, chains in turn.
@@ -448,18 +501,23 @@ impl Sampled {
     }
 
     /// Draws that samples must be apart: three times the longest autocorrelation time of parameters and ln KL.
-    fn needed_spacing(&self, data: &ChoiceData, predictor: &Predictor) -> f64 {
+    fn needed_spacing(
+        &self,
+        workspace: &mut Workspace,
+        moves: impl Fn(Quantity) -> bool,
+        data: &ChoiceData,
+        predictor: &Predictor,
+    ) -> f64 {
         let mut longest = 1.0_f64;
-        for (_, values) in &self.draws.columns {
-            longest = longest.max(diagnostics::autocorrelation_time(
-                &self.draws.by_chain(values),
-            ));
+        let columns = self.draws.columns.iter();
+        for (_, values) in columns.filter(|(quantity, _)| moves(*quantity)) {
+            longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(values)));
         }
         let totals = data.totals();
         // Equal problems with equal counts have the same ln KL, draw by draw.
         let mut seen = HashSet::new();
         for (problem, counts) in totals.iter().enumerate() {
-            if !seen.insert((predictor.same_as(problem), counts)) {
+            if !seen.insert((predictor.distinct(problem), counts)) {
                 continue;
             }
             let n: u64 = counts.iter().sum();
@@ -470,13 +528,13 @@ impl Sampled {
                 .iter()
                 .map(|count| *count as f64 / n as f64)
                 .collect();
+            let range = predictor.range(problem);
             let values = InstructionSet::widest().run(LnDivergences {
                 observed: &observed,
-                ln_predicted: &self.ln_predicted[predictor.range(problem)],
+                ln_predicted: &self.ln_predicted[range.clone()],
+                predicted: &self.predicted[range],
             });
-            longest = longest.max(diagnostics::autocorrelation_time(
-                &self.draws.by_chain(&values),
-            ));
+            longest = longest.max(workspace.autocorrelation_time(&self.draws.by_chain(&values)));
         }
         SAMPLE_SPACING * longest
     }
@@ -506,57 +564,40 @@ impl Sampled {
 
     pub(super) fn predicted_shares(
         &self,
+        workspace: &mut Workspace,
         data: &ChoiceData,
         predictor: &Predictor,
     ) -> OrderedMap<OrderedMap<PredictedShare>> {
-        let share = |column: &Vec<f64>| {
-            let mut values: Vec<f64> = column.iter().map(|ln_p| ln_p.exp()).collect();
-            values.sort_by(f64::total_cmp);
+        let mut share = |column: &Vec<f64>| {
+            let chains = self.draws.by_chain(column);
+            let ordered = workspace.order(&chains);
+            let values = ordered.values();
             PredictedShare {
-                mean: mean(&values),
-                q5: quantile(&values, 0.05),
-                q95: quantile(&values, 0.95),
+                mean: mean(values),
+                q5: quantile(values, 0.05),
+                q95: quantile(values, 0.95),
             }
         };
-        let mut shares: Vec<Vec<PredictedShare>> = Vec::with_capacity(data.problems().len());
-        for problem in 0..data.problems().len() {
-            let same = predictor.same_as(problem);
-            shares.push(if same < problem {
-                shares[same].clone()
-            } else {
-                let columns = &self.ln_predicted[predictor.range(problem)];
-                columns.iter().map(share).collect()
-            });
-        }
-        let of_problem = |(problem, shares): (&FittedProblem, Vec<PredictedShare>)| {
+        let shares: Vec<PredictedShare> = self.predicted.iter().map(&mut share).collect();
+        let of_problem = |(index, problem): (usize, &FittedProblem)| {
             let names = problem.problem.names().map(str::to_owned);
+            let shares = shares[predictor.range(index)].iter().cloned();
             (problem.id.clone(), names.zip(shares).collect())
         };
-        data.problems().iter().zip(shares).map(of_problem).collect()
+        data.problems().iter().enumerate().map(of_problem).collect()
     }
 
-    pub(super) fn diagnostics(&self, data: &ChoiceData) -> Diagnostics {
+    pub(super) fn diagnostics(&self, data: &ChoiceData, predictor: &Predictor) -> Diagnostics {
         let columns = self.draws.columns.iter().zip(&self.convergence);
-        let problems = data.problems().iter().zip(&self.predicted_convergence);
-        // A probability that is the same whatever the parameters needs no chain to converge.
-        let certain = || {
-            let draws = self.draws.len() as f64;
-            QuantityDiagnostics {
-                rhat: 1.0,
-                ess_bulk: draws,
-                ess_tail: draws,
-            }
-        };
+        let problems = data.problems().iter().enumerate();
         Diagnostics {
             parameters: columns
-                .map(|((name, _), c)| (name.key().to_owned(), (*c).into()))
+                .map(|((name, _), found)| (name.key().to_owned(), (*found).into()))
                 .collect(),
             predicted: problems
-                .map(|(problem, c)| {
-                    (
-                        problem.id.clone(),
-                        c.map_or_else(certain, QuantityDiagnostics::from),
-                    )
+                .map(|(index, problem)| {
+                    let found = self.predicted_convergence[predictor.distinct(index)];
+                    (problem.id.clone(), found.into())
                 })
                 .collect(),
         }

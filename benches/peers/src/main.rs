@@ -5,6 +5,7 @@
 //! cargo run --release --manifest-path benches/peers/Cargo.toml -- --check # only whether both mean the same density
 //! ```
 
+#[path = "../../cpu_time/mod.rs"]
 mod cpu_time;
 mod density;
 mod nuts;

@@ -101,6 +101,7 @@ fn long_run(case: &Case, seed: u64, draws: usize) -> anyhow::Result<(f64, f64)> 
     let run = Run {
         seed,
         stream: 1 << 32,
+        burn_in: 50,
         draws,
         steps: 1,
     };

@@ -1,180 +1,169 @@
-//! The order of draws, and the normal scores of ranks.
+//! The order of draws, by which they have ranks.
 
-use crate::inference::lanes::{InstructionSet, Kernel, ln};
+use super::half_chains::HalfChains;
+use super::scores::NormalScores;
+use crate::inference::lanes::{InstructionSet, Kernel};
 
 /// Bits of a key that one pass sorts by.
-const PASS_BITS: u32 = 11;
+const PASS_BITS: u32 = 10;
+const BUCKETS: usize = 1 << PASS_BITS;
 
-/// Up to this many values rarely agree in 21 bits, unless they are equal.
-const FEW: usize = 1 << 14;
+/// Up to this many values rarely agree in the bits of two passes, unless they are equal.
+const FEW: usize = 1 << 13;
 
-/// The places of values in increasing order, as [`f64::total_cmp`] has it.
+/// Puts values in increasing order, as [`f64::total_cmp`] has it; the buffers serve again for the next ones.
 ///
-/// A radix sort by the 32 leading bits in which the values differ at all, in passes of eleven bits, then by comparison among
-/// those that agree in them: several times as fast as comparing. Few values need the upper two passes only.
-pub(super) fn order(values: &[f64]) -> Vec<u32> {
-    let key = |value: f64| {
-        let bits = value.to_bits();
-        bits ^ (((bits as i64 >> 63) as u64) | 1 << 63)
-    };
-    let keys = || values.iter().map(|value| key(*value));
-    let lowest = keys().min().unwrap_or(0);
-    let spare = (keys().max().unwrap_or(0) - lowest).leading_zeros().min(32);
-    // The leading bits above, the place below.
-    let mut items: Vec<u64> = keys()
-        .zip(0_u64..)
-        .map(|(key, place)| (((key - lowest) << spare) & !0xffff_ffff) | place)
-        .collect();
-    let mut sorted = vec![0; items.len()];
-    let first_pass = if values.len() <= FEW { 1 } else { 0 };
-    let compared = 32 + first_pass * PASS_BITS;
-    for pass in first_pass..3 {
-        let digit = |item: u64| (item >> (32 + pass * PASS_BITS)) as usize & ((1 << PASS_BITS) - 1);
-        let mut starts = [0_u32; 1 << PASS_BITS];
-        for item in &items {
-            starts[digit(*item)] += 1;
+/// A radix sort by the leading bits in which the values differ at all, in two passes or, if there are many values, three; then by
+/// comparison among those that agree in them. Several times as fast as comparing.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sorter {
+    /// The leading bits above, the place below.
+    items: Vec<u64>,
+    passed: Vec<u64>,
+}
+
+impl Sorter {
+    /// The values in increasing order, and where each stood.
+    pub(super) fn sort(&mut self, values: &[f64], sorted: &mut Vec<f64>, places: &mut Vec<u32>) {
+        let Self { items, passed } = self;
+        InstructionSet::widest().run(Keys { values, items });
+        passed.resize(items.len(), 0);
+        let passes = if values.len() <= FEW { 2 } else { 3 };
+        let compared = u64::BITS - passes * PASS_BITS;
+        for pass in 0..passes {
+            distribute(items, passed, compared + pass * PASS_BITS);
+            std::mem::swap(items, passed);
         }
-        let mut start = 0;
-        for entry in &mut starts {
-            start += std::mem::replace(entry, start);
+        places.clear();
+        places.extend(items.iter().map(|item| *item as u32));
+        sorted.clear();
+        sorted.extend(places.iter().map(|place| values[*place as usize]));
+        let mut index = 1;
+        while index < sorted.len() {
+            if sorted[index - 1].total_cmp(&sorted[index]).is_le() {
+                index += 1;
+                continue;
+            }
+            // Some that agree in the bits compared: rare, for those that are equal are in order.
+            let prefix = items[index] >> compared;
+            let agrees = |item: &&u64| **item >> compared == prefix;
+            let start = index - items[..index].iter().rev().take_while(agrees).count();
+            let end = index + items[index..].iter().take_while(agrees).count();
+            places[start..end].sort_unstable_by(|left, right| {
+                values[*left as usize].total_cmp(&values[*right as usize])
+            });
+            for (value, place) in sorted[start..end].iter_mut().zip(&places[start..end]) {
+                *value = values[*place as usize];
+            }
+            index = end;
         }
-        for item in &items {
-            let place = &mut starts[digit(*item)];
-            sorted[*place as usize] = *item;
-            *place += 1;
-        }
-        std::mem::swap(&mut items, &mut sorted);
+    }
+}
+
+/// One pass of a radix sort: by the bits from `shift` on.
+fn distribute(items: &[u64], passed: &mut [u64], shift: u32) {
+    let digit = |item: u64| (item >> shift) as usize & (BUCKETS - 1);
+    let mut starts = [0_u32; BUCKETS];
+    for item in items {
+        starts[digit(*item)] += 1;
     }
     let mut start = 0;
-    while start < items.len() {
-        let prefix = items[start] >> compared;
-        let mut length = 1;
-        while start + length < items.len() && items[start + length] >> compared == prefix {
-            length += 1;
-        }
-        if length > 1 {
-            let value = |item: &u64| values[(*item & 0xffff_ffff) as usize];
-            items[start..start + length]
-                .sort_unstable_by(|left, right| value(left).total_cmp(&value(right)));
-        }
-        start += length;
+    for entry in &mut starts {
+        start += std::mem::replace(entry, start);
     }
-    items.into_iter().map(|item| item as u32).collect()
-}
-
-/// Φ⁻¹((r − 3/8)/(S + 1/4)) for the ranks r of S draws, halves included, since ties share their mean rank.
-#[derive(Debug, Clone)]
-pub struct NormalScores {
-    /// Of rank 1, 1½, 2, … S.
-    scores: Vec<f64>,
-}
-
-impl NormalScores {
-    /// The scores of this many draws.
-    pub fn new(size: usize) -> Self {
-        let mut scores: Vec<f64> = (2..=2 * size)
-            .map(|twice| (0.5 * twice as f64 - 0.375) / (size as f64 + 0.25))
-            .collect();
-        InstructionSet::widest().run(Quantiles(&mut scores));
-        Self { scores }
-    }
-
-    /// The score of a rank, given as twice of it.
-    pub(super) fn of(&self, twice: usize) -> f64 {
-        self.scores[twice - 2]
-    }
-
-    /// How many draws there are.
-    pub(super) fn size(&self) -> usize {
-        self.scores.len().div_ceil(2)
+    for item in items {
+        let place = &mut starts[digit(*item)];
+        passed[*place as usize] = *item;
+        *place += 1;
     }
 }
 
-/// Standard normal quantiles of probabilities in place.
-struct Quantiles<'a>(&'a mut [f64]);
+/// Integers in the order of values, above the place of each.
+struct Keys<'a> {
+    values: &'a [f64],
+    items: &'a mut Vec<u64>,
+}
 
-impl Kernel for Quantiles<'_> {
+impl Kernel for Keys<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        for value in self.0 {
-            *value = normal_quantile(*value);
+        let items = self.items;
+        items.clear();
+        items.extend(self.values.iter().map(|value| {
+            let bits = value.to_bits();
+            bits ^ (((bits as i64 >> 63) as u64) | 1 << 63)
+        }));
+        let lowest = items.iter().copied().min().unwrap_or(0);
+        let highest = items.iter().copied().max().unwrap_or(0);
+        let spare = (highest - lowest).leading_zeros().min(32);
+        for (item, place) in items.iter_mut().zip(0_u64..) {
+            *item = (((*item - lowest) << spare) & !0xffff_ffff) | place;
         }
     }
 }
 
-const CENTRE: [[f64; 8]; 2] = [
-    [
-        2.509_080_928_730_122_7e3,
-        3.343_057_558_358_813e4,
-        6.726_577_092_700_87e4,
-        4.592_195_393_154_987e4,
-        1.373_169_376_550_946e4,
-        1.971_590_950_306_551_3e3,
-        1.331_416_678_917_843_8e2,
-        3.387_132_872_796_366_5,
-    ],
-    [
-        5.226_495_278_852_854e3,
-        2.872_908_573_572_194_3e4,
-        3.930_789_580_009_271e4,
-        2.121_379_430_158_659_7e4,
-        5.394_196_021_424_751e3,
-        6.871_870_074_920_579e2,
-        4.231_333_070_160_091e1,
-        1.0,
-    ],
-];
+/// Draws in increasing order.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Ranking {
+    pub(super) values: Vec<f64>,
+    /// Where each stands, chain after chain.
+    places: Vec<u32>,
+    /// Of the last of the draws that are tied with each.
+    ends: Vec<u32>,
+}
 
-const TAIL: [[f64; 8]; 2] = [
-    [
-        7.745_450_142_783_414e-4,
-        2.272_384_498_926_918_4e-2,
-        2.417_807_251_774_506e-1,
-        1.270_458_252_452_368_4,
-        3.647_848_324_763_204_5,
-        5.769_497_221_460_691,
-        4.630_337_846_156_546,
-        1.423_437_110_749_683_5,
-    ],
-    [
-        1.050_750_071_644_416_9e-9,
-        5.475_938_084_995_345e-4,
-        1.519_866_656_361_645_7e-2,
-        1.481_039_764_274_800_8e-1,
-        6.897_673_349_851e-1,
-        1.676_384_830_183_803_8,
-        2.053_191_626_637_759,
-        1.0,
-    ],
-];
+impl Ranking {
+    pub(super) fn sort(&mut self, sorter: &mut Sorter, draws: &[f64]) {
+        sorter.sort(draws, &mut self.values, &mut self.places);
+    }
 
-/// Φ⁻¹(p) for p from 10⁻¹⁰ to 1 − 10⁻¹⁰, by the rational functions of algorithm AS 241 (Wichura 1988).
-#[inline(always)]
-fn normal_quantile(p: f64) -> f64 {
-    let ratio = |[above, below]: &[[f64; 8]; 2], x: f64| {
-        let horner = |coefficients: &[f64; 8]| {
-            let mut value = coefficients[0];
-            for coefficient in &coefficients[1..] {
-                value = value * x + coefficient;
+    /// Leaves out the middle draw of each chain of odd length, which is in neither half.
+    pub(super) fn halve(&mut self, length: usize) {
+        if length.is_multiple_of(2) {
+            return;
+        }
+        let middle = length / 2;
+        let mut kept = 0;
+        for index in 0..self.places.len() {
+            let place = self.places[index] as usize;
+            let (chain, at) = (place / length, place % length);
+            if at != middle {
+                self.values[kept] = self.values[index];
+                self.places[kept] = (place - chain - usize::from(at > middle)) as u32;
+                kept += 1;
             }
-            value
-        };
-        horner(above) / horner(below)
-    };
-    let q = p - 0.5;
-    let centre = q * ratio(&CENTRE, 0.180_625 - q * q);
-    let share = if q < 0.0 { p } else { 1.0 - p };
-    let tail = ratio(&TAIL, (-ln(share)).sqrt() - 1.6);
-    let tail = if q < 0.0 { -tail } else { tail };
-    if q.abs() <= 0.425 { centre } else { tail }
+        }
+        self.values.truncate(kept);
+        self.places.truncate(kept);
+    }
+
+    /// Normal scores of the average ranks, in half chains.
+    pub(super) fn scores(&mut self, scores: &NormalScores, halves: &mut HalfChains) {
+        debug_assert_eq!(self.values.len(), scores.size());
+        let size = self.values.len();
+        self.ends.resize(size, 0);
+        // Nothing here branches on the draws, of which any number may be tied. NaN equals nothing, itself included.
+        let (mut end, mut after) = (0, f64::NAN);
+        for ((index, value), known) in self.values.iter().enumerate().zip(&mut self.ends).rev() {
+            end = if *value == after { end } else { index as u32 };
+            *known = end;
+            after = *value;
+        }
+        let (mut start, mut before) = (0, f64::NAN);
+        let draws = self.values.iter().zip(&self.places).zip(&self.ends);
+        for (index, ((value, place), end)) in draws.enumerate() {
+            start = if *value == before { start } else { index };
+            before = *value;
+            halves.values[*place as usize] = scores.of(start + *end as usize + 2);
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use statrs::distribution::{ContinuousCDF, Normal};
 
     use super::*;
 
@@ -185,28 +174,13 @@ mod tests {
                 any::<f64>(), -1.0..1.0, 0.999_999..1.000_001, Just(0.5), Just(-0.0), Just(0.0),
             ], 0..200)
         ) {
-            let found: Vec<u64> = order(&values).iter().map(|place| values[*place as usize].to_bits()).collect();
+            let (mut sorted, mut places) = (Vec::new(), Vec::new());
+            Sorter::default().sort(&values, &mut sorted, &mut places);
+            let found: Vec<u64> = places.iter().map(|place| values[*place as usize].to_bits()).collect();
             let mut sorted = values;
             sorted.sort_by(f64::total_cmp);
             let sorted: Vec<u64> = sorted.iter().map(|value| value.to_bits()).collect();
             prop_assert_eq!(found, sorted);
         }
-    }
-
-    #[test]
-    fn scores_are_quantiles_of_the_normal_distribution() {
-        for size in [4, 100, 3001] {
-            let scores = NormalScores::new(size);
-            assert_eq!(scores.size(), size);
-            for twice in 2..=2 * size {
-                let p = (0.5 * twice as f64 - 0.375) / (size as f64 + 0.25);
-                let expected = Normal::standard().inverse_cdf(p);
-                assert!(
-                    (scores.of(twice) - expected).abs() < 1e-9,
-                    "{twice} of {size}"
-                );
-            }
-        }
-        assert!((normal_quantile(1e-9) - Normal::standard().inverse_cdf(1e-9)).abs() < 1e-8);
     }
 }

@@ -12,9 +12,6 @@ const BLOCK_STEPS: usize = BLOCK / LANES;
 /// Sizes of random-walk steps in units of 2.38/√d: large ones to travel, small ones for corners.
 const STEP_SCALES: [f64; 3] = [1.0, 0.4, 0.1];
 
-/// Steps at the start of each chain that are not kept, in kept draws.
-const BURN_IN_DRAWS: usize = 50;
-
 /// How many cycles pass between two looks at the watch.
 const WATCH_INTERVAL: usize = 64;
 
@@ -81,6 +78,8 @@ pub struct Run {
     pub seed: u64,
     /// The first of the random streams of these chains, one for eight of them.
     pub stream: u64,
+    /// Draws at the start of each chain that are not kept.
+    pub burn_in: usize,
     /// Draws kept of each chain.
     pub draws: usize,
     /// Steps of a chain for each draw.
@@ -114,7 +113,7 @@ pub fn run_chains<D: LogDensity>(
         let mut random = LaneRandom::new(&mut random_stream(run.seed, run.stream + set as u64));
         let mut lanes = Lanes::new(density, proposal, starts);
         let mut schedule = Schedule {
-            until_kept: BURN_IN_DRAWS * run.steps + run.steps,
+            until_kept: (run.burn_in + 1) * run.steps,
             steps: run.steps,
             draw: 0,
             draws: run.draws,

@@ -182,6 +182,7 @@ pub(crate) mod tests {
         let run = Run {
             seed,
             stream: 1,
+            burn_in: 50,
             draws: 500,
             steps: 3,
         };
@@ -235,6 +236,7 @@ pub(crate) mod tests {
         let run = Run {
             seed: 5,
             stream: 1,
+            burn_in: 50,
             draws: 400,
             steps: 1,
         };

@@ -21,6 +21,14 @@ const FIRST_ROUNDS: usize = 25;
 /// More coordinates than any model has; a fixed bound keeps inner loops off the heap.
 const MAX_DIMENSION: usize = 10;
 
+/// Most posteriors have no more; room for them is emptied much faster.
+const FEW_DIMENSIONS: usize = 4;
+
+/// Numbers that place a component: its centre and a lower triangle.
+const fn placing_size(dimension: usize) -> usize {
+    dimension * (dimension + 3) / 2
+}
+
 /// A fixed distribution of proposals.
 #[derive(Debug, Clone)]
 pub struct Proposal {
@@ -283,6 +291,18 @@ impl<const W: usize> Kernel for Propose<'_, W> {
 
     #[inline(always)]
     fn run(self) -> [f64; W] {
+        if self.proposal.dimension <= FEW_DIMENSIONS {
+            self.propose::<{ placing_size(FEW_DIMENSIONS) }>()
+        } else {
+            self.propose::<{ placing_size(MAX_DIMENSION) }>()
+        }
+    }
+}
+
+impl<const W: usize> Propose<'_, W> {
+    /// * `P`: at least [`placing_size`] of the dimension.
+    #[inline(always)]
+    fn propose<const P: usize>(self) -> [f64; W] {
         let Self {
             proposal,
             random,
@@ -297,7 +317,7 @@ impl<const W: usize> Kernel for Propose<'_, W> {
                 chosen[lane] += if shares[lane] > *threshold { 1.0 } else { 0.0 };
             }
         }
-        let mut placing = [[0.0; W]; MAX_DIMENSION * (MAX_DIMENSION + 3) / 2];
+        let mut placing = [[0.0; W]; P];
         for (lane, chosen) in chosen.iter().enumerate() {
             let component = &proposal.components[*chosen as usize];
             for (entries, entry) in placing.iter_mut().zip(&component.placing) {

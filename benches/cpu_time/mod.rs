@@ -1,4 +1,4 @@
-//! CPU time of this process: on a shared machine the wall's clock measures the neighbours.
+//! CPU time of this thread: on a shared machine the wall's clock measures the neighbours.
 
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
@@ -9,12 +9,12 @@ pub struct CpuTime(Timespec);
 impl CpuTime {
     /// Starts one.
     pub fn start() -> Self {
-        Self(clock_gettime(ClockId::ProcessCPUTime))
+        Self(clock_gettime(ClockId::ThreadCPUTime))
     }
 
-    /// CPU seconds since its start, of all threads.
+    /// CPU seconds of this thread since its start.
     pub fn seconds(&self) -> f64 {
-        let now = clock_gettime(ClockId::ProcessCPUTime);
+        let now = clock_gettime(ClockId::ThreadCPUTime);
         (now.tv_sec - self.0.tv_sec) as f64 + (now.tv_nsec - self.0.tv_nsec) as f64 * 1e-9
     }
 }
