@@ -82,10 +82,14 @@ impl Server {
         let catalogue = Catalogue::publish(&store, studies)
             .await
             .context("reading the study files")?;
+        let replays = Replays::of(&catalogue);
+        replays
+            .compute()
+            .map_err(|(id, error)| anyhow::Error::from(error).context(format!("replay {id}")))?;
         let stop = CancellationToken::new();
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
-            replays: Arc::new(Replays::default()),
+            replays: Arc::new(replays),
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),

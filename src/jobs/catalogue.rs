@@ -5,7 +5,7 @@ use std::{collections::HashMap, sync::Arc};
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
     store::{self, Store, VersionId},
-    study::{ParseError, ReplayId, Study, StudyId, built_in, step::NamedReplay},
+    study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
 /// All served studies by id and version. They do not change while the server runs.
@@ -133,12 +133,9 @@ impl Catalogue {
         self.versions.get(&version).cloned()
     }
 
-    /// The replay of this name, if a version that people may be taking shows it.
-    pub fn replay(&self, id: &ReplayId) -> Option<&NamedReplay> {
-        self.versions
-            .values()
-            .flat_map(|study| study.replays())
-            .find(|shown| shown.id == *id)
+    /// The replays that any version shows; the same one as often as it is shown.
+    pub fn replays(&self) -> impl Iterator<Item = &NamedReplay> {
+        self.versions.values().flat_map(|study| study.replays())
     }
 
     /// The current versions, in the order in which the files were given.

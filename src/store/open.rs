@@ -110,12 +110,12 @@ pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
     let version = schema_version(&mut connection).await.map_err(at(path))?;
     let before = match version {
         Some(_) => rows(&mut connection).await.map_err(at(path))?,
-        None => [0; 3],
+        None => [0; 4],
     };
     MIGRATIONS.run(&mut connection).await?;
     if version != schema_version(&mut connection).await.map_err(at(path))? {
         let after = rows(&mut connection).await.map_err(at(path))?;
-        for ((table, before), after) in ["run", "event", "answer"]
+        for ((table, before), after) in ["run", "step", "event", "answer"]
             .into_iter()
             .zip(before)
             .zip(after)
@@ -149,13 +149,17 @@ async fn schema_version(connection: &mut SqliteConnection) -> Result<Option<i64>
 }
 
 /// How many rows there are of what must never get lost: runs, events, answers.
-async fn rows(connection: &mut SqliteConnection) -> Result<[i64; 3], sqlx::Error> {
-    let (runs, events, answers) = sqlx::query_as(
-        "select (select count(*) from run), (select count(*) from event), (select count(*) from answer)",
+async fn rows(connection: &mut SqliteConnection) -> Result<[i64; 4], sqlx::Error> {
+    let (runs, steps, events, answers) = sqlx::query_as(
+        r#"
+        select
+            (select count(*) from run), (select count(*) from step),
+            (select count(*) from event), (select count(*) from answer)
+        "#,
     )
     .fetch_one(connection)
     .await?;
-    Ok([runs, events, answers])
+    Ok([runs, steps, events, answers])
 }
 
 async fn require_whole_references(

@@ -381,6 +381,9 @@ pub(super) struct RawPaper {
     pub(super) df: Option<u32>,
     pub(super) p: Option<String>,
     pub(super) n: Option<u32>,
+    #[serde(default)]
+    pub(super) choices: BTreeMap<String, u32>,
+    pub(super) source: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, Deserialize)]

@@ -1,6 +1,6 @@
 //! What is fitted, with which settings, and the figures of the source paper that stand beside ours.
 
-use super::{FactorId, LevelId, ParseError, PartId, PlanId, parse};
+use super::{ActionLabel, FactorId, LevelId, ParseError, PartId, PlanId, parse};
 use crate::model::{ChoiceModel, PAPER_MODELS, RiskAwareOptions};
 
 /// A way to split the fitted cells: each part gets its own fit.
@@ -131,6 +131,10 @@ pub struct PaperFigure {
     pub p: Option<String>,
     /// How many people took part.
     pub n: Option<u32>,
+    /// How many people took each action, where that is known.
+    pub choices: Vec<(ActionLabel, u32)>,
+    /// Where these counts come from, if not from the paper.
+    pub source: Option<String>,
 }
 
 /// A mean with its standard deviation.

@@ -62,7 +62,7 @@ pub struct AppState {
     pub settings: Arc<Settings>,
     /// Simulated sweeps, computed when somebody asks for them.
     pub sweeps: Arc<Sweeps>,
-    /// The replays that studies show, computed when somebody first watches one.
+    /// The replays that studies show.
     pub replays: Arc<Replays>,
     /// Cancelled when the server stops, so that event streams end.
     pub stop: CancellationToken,

@@ -44,14 +44,14 @@ impl App {
         let stop = CancellationToken::new();
         let state = AppState {
             store: store.clone(),
-            catalogue,
+            catalogue: catalogue.clone(),
             chance: Chance::from_seed(1),
             settings: Arc::new(Settings {
                 open_results: false,
                 population: Population::People,
             }),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
-            replays: Arc::new(Replays::default()),
+            replays: Arc::new(Replays::of(&catalogue)),
             stop: stop.clone(),
         };
         let listener = TcpListener::bind(SocketAddr::from(([127, 0, 0, 1], 0)))

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use reqwest::StatusCode;
 use riskaware::{
     jobs::{Catalogue, PartFit, PartState, Snapshot},
-    store::Population,
+    store::{Population, Verdict},
     study::{self, Study},
 };
 use serde_json::{Value, json};
@@ -71,6 +71,8 @@ async fn the_questions_come_when_all_replays_were_watched() {
     let message = one_missing.text(".error-summary").unwrap();
     assert!(message.contains("9 of 10"), "{message}");
 
+    // A form that is sent twice counts once.
+    let form = person.page.clone();
     let next = person.sends("viewings", &viewings(&shown)).await;
     assert_eq!(next.status, StatusCode::OK);
     assert!(
@@ -78,6 +80,20 @@ async fn the_questions_come_when_all_replays_were_watched() {
         "{}",
         next.html
     );
+    let again = person.posts(&form, "viewings", &viewings(&shown)).await;
+    assert_eq!(again.url().as_str(), person.link);
+    let run = app.store.run(&person.token()).await.unwrap().run;
+    let forms: Vec<Option<Verdict>> = app
+        .store
+        .events(run)
+        .await
+        .unwrap()
+        .into_iter()
+        .filter(|event| event.position.to_string() == form.field("step"))
+        .map(|event| event.verdict)
+        .filter(Option::is_some)
+        .collect();
+    assert_eq!(forms, [Some(Verdict::Answered), Some(Verdict::Retry)]);
     app.stop().await;
 }
 
@@ -226,6 +242,9 @@ async fn both_studies_are_fitted_in_one_server() {
         let reference = cell["reference"].as_f64().unwrap();
         assert!((reference - -5.88).abs() < 0.01, "{cell}");
     }
+    let page = app.get("/results/cups").await.html;
+    let published = "Untimed in the source study: Build the stable tower: 42 of 50 (84 %)";
+    assert!(page.contains(published), "{page}");
     let reading = app.get("/results/cups/data/reading.json").await.html;
     assert!(
         reading.contains("All rewards here are gains or nothing"),

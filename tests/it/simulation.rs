@@ -25,6 +25,18 @@ fn the_load_plays_whole_participants_and_counts_their_pages() {
 }
 
 #[test]
+fn simulated_people_need_no_time_for_replays() {
+    let args = ["load", "--study", "cups", "--people", "2", "--rounds", "1"];
+    let output = riskaware(&args, "");
+    assert!(output.status.success(), "{}", stderr(&output));
+    // Landing, consent, task, replays, start, timed, pause, untimed, form.
+    let printed = stdout(&output);
+    let pages = format!("page turns {}", 2 * 9);
+    let words: Vec<&str> = printed.split_whitespace().collect();
+    assert!(words.join(" ").contains(&pages), "{printed}");
+}
+
+#[test]
 fn people_whose_parameters_are_out_of_range_are_refused() {
     let output = riskaware(&["demo", "--gamma", "1.5"], "");
     assert_eq!(output.status.code(), Some(1));

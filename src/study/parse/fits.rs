@@ -1,12 +1,14 @@
 //! What is made of the answers: reference reward, fit settings, fit plans, and the paper's figures.
 
+use std::collections::BTreeMap;
+
 use super::design::Design;
 use super::rules;
 use crate::model::{ChoiceModel, MODELS, RiskAwareOptions, model_named};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
 use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting};
 use crate::study::{
-    Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId, PlanPart,
+    ActionLabel, Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId, PlanPart,
     PriorChange, Priors, Weighting,
 };
 
@@ -274,7 +276,11 @@ fn part_label(shared: &[(usize, &LevelId)], design: &Design<'_>) -> String {
 }
 
 /// The source paper's figures.
-pub(super) fn paper(raw: &[RawPaper], design: &Design<'_>) -> Result<Vec<PaperFigure>, Fault> {
+pub(super) fn paper(
+    raw: &[RawPaper],
+    design: &Design<'_>,
+    cells: &[Cell],
+) -> Result<Vec<PaperFigure>, Fault> {
     let list = KeyPath::root().key("paper");
     raw.iter()
         .enumerate()
@@ -290,9 +296,39 @@ pub(super) fn paper(raw: &[RawPaper], design: &Design<'_>) -> Result<Vec<PaperFi
                 df: figure.df,
                 p: figure.p.clone(),
                 n: figure.n,
+                choices: published_choices(&figure.choices, cells, &at.key("choices"))?,
+                source: figure.source.clone(),
             })
         })
         .collect()
+}
+
+/// How often each action was taken in the source study, in the order of the study's actions.
+fn published_choices(
+    raw: &BTreeMap<String, u32>,
+    cells: &[Cell],
+    at: &KeyPath,
+) -> Result<Vec<(ActionLabel, u32)>, Fault> {
+    let mut actions: Vec<&ActionLabel> = Vec::new();
+    for action in cells.iter().flat_map(|cell| &cell.actions) {
+        if !actions.contains(&action) {
+            actions.push(action);
+        }
+    }
+    let names = || actions.iter().map(|action| action.id.as_str());
+    for id in raw.keys() {
+        if !names().any(|name| name == id) {
+            let found = format!("unknown action {}{}", rules::shown(id), did_you_mean(id, names()));
+            return Err(at.key(id).fault(found, format!("one of {}", list(names()))));
+        }
+    }
+    if !raw.is_empty() && raw.values().all(|count| *count == 0) {
+        return Err(at.fault("no choice at all", "at least one, or no `choices`"));
+    }
+    Ok(actions
+        .iter()
+        .filter_map(|action| Some(((*action).clone(), *raw.get(action.id.as_str())?)))
+        .collect())
 }
 
 fn mean_sd(raw: Option<RawMeanSd>, at: &KeyPath) -> Result<Option<MeanSd>, Fault> {

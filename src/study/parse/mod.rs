@@ -58,7 +58,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
     let sequential =
         sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells).map_err(refuse)?;
     let blind_until = fits::blind_until(raw.analysis.blind_until).map_err(refuse)?;
-    let paper = fits::paper(&raw.paper, &design).map_err(refuse)?;
+    let paper = fits::paper(&raw.paper, &design, &cells).map_err(refuse)?;
 
     let factors = design.into_factors();
 

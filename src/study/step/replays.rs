@@ -42,7 +42,8 @@ pub struct ReplaysStep<'a> {
     pub replays: Vec<&'a NamedReplay>,
 }
 
-/// How one replay was watched, as the page says. It decides nothing but whether the person may go on.
+/// How one replay was watched, as the page says. The server checks that all were watched and that time enough has
+/// passed; the rest is the page's word.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Viewing {
     /// Which one.
@@ -85,11 +86,6 @@ impl<'a> ReplaysStep<'a> {
         })
     }
 
-    /// The replay of this name, if the step shows it.
-    pub fn replay(&self, id: &str) -> Option<&'a NamedReplay> {
-        self.replays.iter().copied().find(|shown| shown.id == *id)
-    }
-
     pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
         let viewings = match fields.get("viewings").map(|text| text.trim()) {
             None | Some("") => Vec::new(),
@@ -108,8 +104,9 @@ impl<'a> ReplaysStep<'a> {
         })?;
         let watched: BTreeSet<&ReplayId> = viewings
             .iter()
+            .filter(|viewing| viewing.plays > 0 && viewing.started_ms < viewing.seen_ms)
             .map(|viewing| &viewing.replay)
-            .filter(|id| self.replay(id.as_str()).is_some())
+            .filter(|id| self.replays.iter().any(|shown| shown.id == **id))
             .collect();
         if watched.len() < of {
             return Err(format!(

@@ -25,7 +25,7 @@ use crate::{
     jobs::Catalogue,
     store::{Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
     study::{
-        CompletionCode, Reply, Step, Study,
+        CompletionCode, Step, Study,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
     web::{AppState, Error, Replays, replays},
@@ -190,11 +190,12 @@ impl RunPages {
             | Step::Form(_)
             | Step::Thanks(_) => None,
         };
-        let reply = match (step.read(fields), &step) {
-            (Ok(reply), Step::Replays(shown)) => self.watched(run, position, shown, reply).await?,
-            (read, _) => read,
-        };
-        Ok(reply.map(|reply| Submission {
+        if let Step::Replays(shown) = &step
+            && let Some(error) = self.too_early(run, position, shown).await?
+        {
+            return Ok(Err(vec![error]));
+        }
+        Ok(step.read(fields).map(|reply| Submission {
             position,
             key,
             reply,
@@ -205,40 +206,37 @@ impl RunPages {
 
     /// Nobody has seen all replays before as much time has passed as they last. What a page says of it is not enough;
     /// simulated people, who watch nothing, need no time.
-    async fn watched(
+    async fn too_early(
         &self,
         run: &RunView,
         position: u32,
         shown: &ReplaysStep<'_>,
-        reply: Reply,
-    ) -> Result<Result<Reply, Vec<FieldError>>, Error> {
-        let Some(step) = run.step.as_ref().filter(|step| step.position == position) else {
-            return Ok(Ok(reply));
+    ) -> Result<Option<FieldError>, Error> {
+        let current = run.step.as_ref().filter(|step| step.position == position);
+        let Some(step) = current.filter(|_| run.population == Population::People) else {
+            return Ok(None);
         };
         let mut lasts_ms = 0;
-        for replay in &shown.replays {
-            lasts_ms += self.replays.played(replay).await?.duration_ms;
+        for named in &shown.replays {
+            lasts_ms += self.replays.played(&named.id).await?.duration_ms;
         }
         let passed_ms = step.shown_at.map_or(0, |shown_at| {
             self.store.clock().now().millis_since(shown_at)
         });
         let missing_s = lasts_ms.saturating_sub(passed_ms).div_ceil(1000);
-        if missing_s == 0 || run.population == Population::Simulated {
-            return Ok(Ok(reply));
-        }
-        Ok(Err(vec![FieldError {
+        Ok((missing_s > 0).then(|| FieldError {
             field: "viewings".to_owned(),
             message: format!(
                 "All replays together last {} seconds. You can go on in {missing_s} seconds.",
                 lasts_ms.div_ceil(1000)
             ),
-        }]))
+        }))
     }
 
     async fn replay_views(&self, step: &ReplaysStep<'_>) -> Result<Vec<ReplayView>, Error> {
         let mut views = Vec::with_capacity(step.replays.len());
         for named in &step.replays {
-            let played = self.replays.played(named).await?;
+            let played = self.replays.played(&named.id).await?;
             views.push(ReplayView {
                 id: named.id.clone(),
                 url: replays::url(&named.id),

@@ -4,7 +4,7 @@ mod words;
 
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{Arc, OnceLock},
 };
 
 use axum::{
@@ -20,13 +20,13 @@ use serde::Serialize;
 use super::{AppState, Error};
 use crate::{
     jobs::Catalogue,
-    planning::table::{FRAME_MS, PROJECTION, Projection, Replay, SHOULDER, Tracks},
-    study::{ReplayId, step::NamedReplay},
+    planning::table::{
+        BOTTOM_RADIUS, CUP_HEIGHT, FRAME_MS, MOUTH_RADIUS, PROJECTION, Projection, Replay,
+        ReplayError, SHOULDER, Tracks,
+    },
+    study::ReplayId,
 };
 use words::Caption;
-
-/// For an hour a browser need not ask again; a newer program may draw the same replay otherwise.
-const CACHE: &str = "public, max-age=3600";
 
 pub(super) fn router() -> Router<AppState> {
     Router::new().route("/replays/{id}", get(document))
@@ -47,45 +47,73 @@ pub(super) struct Played {
     json: Bytes,
 }
 
-/// The replays that were asked for, each computed once. Only those that a served study names are ever computed, so
-/// there are never more than the study files list.
-#[derive(Debug, Default)]
-pub struct Replays(Mutex<HashMap<ReplayId, Arc<Played>>>);
+/// The replays that served studies show, and no others: each is computed once, when it is first needed.
+#[derive(Debug)]
+pub struct Replays(HashMap<ReplayId, Slot>);
+
+#[derive(Debug)]
+struct Slot {
+    replay: Replay,
+    played: OnceLock<Result<Arc<Played>, ReplayError>>,
+}
 
 impl Replays {
-    /// A replay's document and what the page around it needs.
-    pub(super) async fn played(&self, named: &NamedReplay) -> Result<Arc<Played>, Error> {
-        let known = self.lock().get(&named.id).cloned();
-        if let Some(known) = known {
-            return Ok(known);
-        }
-        let replay = named.replay;
-        let computed = tokio::task::spawn_blocking(move || Played::of(replay))
-            .await
-            .map_err(|panicked| Error::Internal(panicked.into()))?;
-        let computed = Arc::new(computed?);
-        self.lock().insert(named.id.clone(), computed.clone());
-        Ok(computed)
+    /// The replays of all versions of all studies, none of them computed yet.
+    pub fn of(catalogue: &Catalogue) -> Self {
+        let slot = |replay| Slot {
+            replay,
+            played: OnceLock::new(),
+        };
+        let named = catalogue.replays();
+        Self(
+            named
+                .map(|named| (named.id.clone(), slot(named.replay)))
+                .collect(),
+        )
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, HashMap<ReplayId, Arc<Played>>> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Computes all of them, which takes some hundredths of a second each.
+    ///
+    /// # Errors
+    /// The first replay that cannot be made, so that nobody meets it in the middle of a run.
+    pub fn compute(&self) -> Result<(), (ReplayId, ReplayError)> {
+        for (id, slot) in &self.0 {
+            slot.played().map_err(|error| (id.clone(), error))?;
+        }
+        Ok(())
+    }
+
+    /// A replay's document and what the page around it needs.
+    pub(super) async fn played(self: &Arc<Self>, id: &ReplayId) -> Result<Arc<Played>, Error> {
+        let slot = self.0.get(id).ok_or(Error::NotFound("replay"))?;
+        let played = match slot.played.get() {
+            Some(played) => played.clone(),
+            None => {
+                let (replays, id) = (self.clone(), id.clone());
+                tokio::task::spawn_blocking(move || replays.0[&id].played())
+                    .await
+                    .map_err(|panicked| Error::Internal(panicked.into()))?
+            }
+        };
+        played.map_err(|error| Error::Internal(error.into()))
+    }
+}
+
+impl Slot {
+    fn played(&self) -> Result<Arc<Played>, ReplayError> {
+        let compute = || Played::of(self.replay).map(Arc::new);
+        self.played.get_or_init(compute).clone()
     }
 }
 
 /// GET `/replays/ID`.
 async fn document(
-    State(catalogue): State<Arc<Catalogue>>,
     State(replays): State<Arc<Replays>>,
     Path(id): Path<ReplayId>,
 ) -> Result<Response, Error> {
-    let named = catalogue.replay(&id).ok_or(Error::NotFound("replay"))?;
-    let played = replays.played(named).await?;
-    let headers = [
-        (header::CONTENT_TYPE, "application/json"),
-        (header::CACHE_CONTROL, CACHE),
-    ];
-    Ok((headers, played.json.clone()).into_response())
+    let played = replays.played(&id).await?;
+    let json = [(header::CONTENT_TYPE, "application/json")];
+    Ok((json, played.json.clone()).into_response())
 }
 
 /// What a page plays: places in whole millimetres, turns in tenths of a degree.
@@ -97,6 +125,7 @@ struct Document<'a> {
     frame_ms: u32,
     projection: Projection,
     arm: Arm,
+    cup: Cup,
     tracks: Tracks,
     captions: Vec<Caption>,
     still_ms: Vec<u32>,
@@ -108,11 +137,17 @@ struct Arm {
     shoulder: [i32; 3],
 }
 
+/// What a cup measures, in whole millimetres.
+#[derive(Serialize)]
+struct Cup {
+    height: i32,
+    mouth_radius: i32,
+    bottom_radius: i32,
+}
+
 impl Played {
-    fn of(replay: Replay) -> Result<Self, Error> {
-        let timeline = replay
-            .timeline()
-            .map_err(|err| Error::Internal(err.into()))?;
+    fn of(replay: Replay) -> Result<Self, ReplayError> {
+        let timeline = replay.timeline()?;
         let description = words::description(&timeline);
         let document = Document {
             replay,
@@ -120,19 +155,28 @@ impl Played {
             frame_ms: FRAME_MS,
             projection: PROJECTION,
             arm: Arm {
-                shoulder: [SHOULDER.x, SHOULDER.y, SHOULDER.z]
-                    .map(|metres| (metres * 1000.0).round() as i32),
+                shoulder: [SHOULDER.x, SHOULDER.y, SHOULDER.z].map(millimetres),
+            },
+            cup: Cup {
+                height: millimetres(CUP_HEIGHT),
+                mouth_radius: millimetres(MOUTH_RADIUS),
+                bottom_radius: millimetres(BOTTOM_RADIUS),
             },
             tracks: timeline.tracks(),
             captions: words::captions(&timeline),
             still_ms: words::stills(&timeline),
             description: &description,
         };
-        let json = serde_json::to_vec(&document).map_err(|err| Error::Internal(err.into()))?;
+        // Numbers and texts: nothing that JSON could refuse.
+        let json = serde_json::to_vec(&document).expect("a document of plain values");
         Ok(Self {
             duration_ms: timeline.duration_ms().into(),
             json: json.into(),
             description,
         })
     }
+}
+
+fn millimetres(metres: f64) -> i32 {
+    (metres * 1000.0).round() as i32
 }

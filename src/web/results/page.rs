@@ -15,6 +15,7 @@ use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::model_named,
     store::{Error, Store},
+    study::PaperFigure,
     web::assets,
 };
 
@@ -33,6 +34,8 @@ pub(super) struct ResultsPage {
     answers: [String; 4],
     verdict: super::verdict::Verdict,
     plan: String,
+    /// What people chose in the source study, a sentence for each of its figures.
+    published: Vec<String>,
     exclusions: Table,
     figures: Figures,
     ladder: Figure,
@@ -132,6 +135,7 @@ impl ResultsPage {
             people: counted_people(people),
             answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
+            published: snapshot.study.paper().iter().filter_map(published).collect(),
             exclusions: tables::exclusions(&summary),
             figures: figures(&summary, &accuracy, &curves, curve_plan.as_str()),
             ladder: ladder(&summary, &reading),
@@ -151,6 +155,27 @@ impl ResultsPage {
             verdict: summary.verdict,
         }
     }
+}
+
+/// How people chose in the source study, where its file tells.
+fn published(figure: &PaperFigure) -> Option<String> {
+    let n: u32 = figure.choices.iter().map(|(_, count)| count).sum();
+    let shares: Vec<String> = figure
+        .choices
+        .iter()
+        .map(|(action, count)| {
+            let share = percent(Some(f64::from(*count) / f64::from(n)));
+            format!("{}: {count} of {n} ({share})", action.label)
+        })
+        .collect();
+    let source = figure.source.as_deref().unwrap_or("the paper");
+    (!shares.is_empty()).then(|| {
+        format!(
+            "{} in the source study: {}. From {source}.",
+            figure.label,
+            shares.join("; ")
+        )
+    })
 }
 
 fn counted_people(people: &People) -> [String; 4] {

@@ -152,6 +152,8 @@ fn a_person_goes_on_who_saw_all_replays() {
     assert!(refusal(viewings(shown.iter().take(9).chain(&shown[..1]))).contains("9 of 10"));
     assert!(refusal(viewings(shown.iter().chain(&shown[..1]))).contains("11 viewings"));
     assert!(refusal(viewings([&"stable-falls-99".into()])).contains("0 of 10"));
+    let backwards = viewings(shown).replace(r#""seen_ms":8000"#, r#""seen_ms":4"#);
+    assert!(refusal(backwards).contains("0 of 10"));
     assert!(refusal("[".to_owned()).contains("Load it again"));
     assert!(refusal("null".to_owned()).contains("Load it again"));
 }
@@ -218,4 +220,14 @@ fn what_is_wrong_with_a_replay_is_told() {
     );
     check("seed = 2\n", "seed = 2.5\n", "a whole number");
     check("seed = 2\n", "", "no key `seed`");
+    check(
+        "choices = { stable = 42",
+        "choices = { stabel = 42",
+        "paper[#1].choices.stabel: found unknown action `stabel`, did you mean `stable`?",
+    );
+    check(
+        "choices = { stable = 42, unstable = 8 }",
+        "choices = { stable = 0 }",
+        "paper[#1].choices: found no choice at all",
+    );
 }
