@@ -38,12 +38,13 @@ export class ReplayPicture {
     const shoulder = project(timeline.projection, timeline.arm.shoulder);
     move(this.base, shoulder);
     move(this.shoulder, shoulder);
+    for (const cup of this.cups) cup.open(timeline);
   }
 
   draw(ms) {
     const moment = momentAt(this.timeline, ms);
     const { projection } = this.timeline;
-    moment.cups.forEach((cup, index) => this.cups[index].draw(projection, cup));
+    moment.cups.forEach((cup, index) => this.cups[index].draw(cup));
     this.drawArm(projection, moment);
     this.drawHand(projection, moment);
     this.arrange(moment);
@@ -104,12 +105,17 @@ class DrawnCup {
     this.ends = element.querySelectorAll(".cup-mouth, .cup-bottom");
   }
 
-  draw(projection, { at, tilt }) {
+  open({ projection, cup }) {
+    Object.assign(this, { projection, size: cup, tilt: null });
+  }
+
+  draw({ at, tilt }) {
+    const { projection, size } = this;
     place(this.element, project(projection, at));
     move(this.shadow, project(projection, [at[0], at[1], 0]));
     if (tilt === this.tilt) return;
     this.tilt = tilt;
-    const shape = cupShape(projection, tilt);
+    const shape = cupShape(projection, size, tilt);
     for (const [name, path] of this.parts) path?.setAttribute("d", shape[name]);
     for (const end of this.ends) end.setAttribute("transform", `matrix(${shape.end})`);
     this.element.classList.toggle("cup--open", shape.open);

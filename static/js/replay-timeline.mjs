@@ -2,12 +2,16 @@
  * A point of the table's world in millimetres: right, away from the person, up.
  * @typedef {[number, number, number]} Point
  *
+ * What a cup measures, in millimetres.
+ * @typedef {{height: number, mouth_radius: number, bottom_radius: number}} CupSize
+ *
  * The time line of one replay, as the server sends it: frames at 0, `frame_ms`, … and `duration_ms`.
  * @typedef {object} Timeline
  * @property {number} duration_ms
  * @property {number} frame_ms
  * @property {{origin: number[], x: number[], y: number[], z: number[]}} projection picture units per metre
  * @property {{shoulder: Point}} arm
+ * @property {CupSize} cup
  * @property {object} tracks one list of whole numbers for each part and axis
  * @property {{at_ms: number, text: string}[]} captions each holds until the next
  * @property {number[]} still_ms the moments that are shown where motion is unwanted
