@@ -18,11 +18,12 @@ const browserFrames = {
  */
 export class ReplayPlayer {
   /**
-   * @param {(player: ReplayPlayer) => void} onChange called after every change of state or time
+   * @param {() => void} onChange called after every change of state or time
+   * @param {() => void} onPlayed called when a replay was played to its end; moving to the end is no playing
    * @param {Frames} frames
    */
-  constructor(onChange, frames = browserFrames) {
-    Object.assign(this, { onChange, frames });
+  constructor(onChange, onPlayed, frames = browserFrames) {
+    Object.assign(this, { onChange, onPlayed, frames });
     /** @type {PlayerState} */
     this.state = "loading";
     this.close();
@@ -95,7 +96,11 @@ export class ReplayPlayer {
     this.lastMs = now;
     this.timeMs = Math.min(this.timeMs + passed, this.durationMs);
     this.frontierMs = Math.max(this.frontierMs, this.timeMs);
-    if (this.timeMs >= this.durationMs) return this.become("ended");
+    if (this.timeMs >= this.durationMs) {
+      this.become("ended");
+      this.onPlayed();
+      return;
+    }
     this.request = this.frames.request((next) => this.step(next));
     this.become("playing");
   }
@@ -108,6 +113,6 @@ export class ReplayPlayer {
   /** @param {PlayerState} state */
   become(state) {
     this.state = state;
-    this.onChange(this);
+    this.onChange();
   }
 }
