@@ -31,16 +31,11 @@
  * @param {Timeline} timeline
  * @returns {Moment}
  */
-export function momentAt({ tracks, frame_ms, duration_ms }, ms) {
+export function momentAt({ tracks, frame_ms }, ms) {
   const last = tracks.hand.x.length - 1;
   const index = Math.max(0, Math.min(Math.floor(ms / frame_ms), last - 1));
-  const from = index * frame_ms;
-  const to = index + 1 === last ? duration_ms : from + frame_ms;
-  const share = Math.max(0, Math.min(1, (ms - from) / (to - from)));
-  const between = (track) => {
-    const next = track[Math.min(index + 1, last)];
-    return track[index] + (next - track[index]) * share;
-  };
+  const share = Math.max(0, Math.min(1, ms / frame_ms - index));
+  const between = (track) => track[index] + (track[index + 1] - track[index]) * share;
   const point = (track) => [between(track.x), between(track.y), between(track.z)];
   return {
     hand: point(tracks.hand),
