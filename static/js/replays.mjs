@@ -16,7 +16,7 @@ export class Replays {
     this.part = (name) => element.querySelector(`[data-part=${name}]`);
     this.form = element.querySelector("form");
     this.button = this.form.querySelector("[name=continue]");
-    this.replays = [...this.part("texts").children].map((item) => ({ ...item.dataset, text: item.textContent.trim() }));
+    this.replays = [...this.part("texts").querySelectorAll("li")].map((item) => ({ ...item.dataset, text: item.textContent.trim() }));
     const { run, step } = element.dataset;
     this.progress = new ReplayProgress(`riskaware.replays.${run}.${step}`, this.replays.map(({ replay }) => replay));
     this.source = new ReplaySource();
