@@ -152,8 +152,6 @@ pub enum SweepState {
     Ready(Arc<SweepResult>),
     /// Broke off with a message.
     Failed(String),
-    /// More wait than may.
-    Full,
 }
 
 /// The sweeps of one server.
@@ -208,7 +206,8 @@ impl Sweeps {
             .position(|other| other.hash == input.hash);
         let place = match waiting {
             Some(place) => place,
-            None if shared.queue.len() >= QUEUE => return SweepState::Full,
+            // Whoever asks again gets a place once there is one.
+            None if shared.queue.len() >= QUEUE => QUEUE,
             None => {
                 shared.queue.push_back(input.clone());
                 shared.queue.len() - 1
@@ -335,7 +334,7 @@ mod tests {
             match sweeps.ask(input) {
                 SweepState::Ready(result) => return result,
                 SweepState::Running { .. } => std::thread::yield_now(),
-                other @ (SweepState::Failed(_) | SweepState::Full) => panic!("{other:?}"),
+                SweepState::Failed(message) => panic!("{message}"),
             }
         }
     }
@@ -362,7 +361,7 @@ mod tests {
     }
 
     #[test]
-    fn no_more_wait_than_may() {
+    fn no_more_wait_than_may_and_the_next_one_hears_how_many() {
         let stop = CancellationToken::new();
         stop.cancel();
         // Nobody works the queue off.
@@ -374,7 +373,14 @@ mod tests {
                 "{state:?}"
             );
         }
-        assert!(matches!(sweeps.ask(&input(99)), SweepState::Full));
+        for n in [99, 100] {
+            let state = sweeps.ask(&input(n));
+            assert!(
+                matches!(state, SweepState::Running { ahead: QUEUE, .. }),
+                "{state:?}"
+            );
+        }
+        assert_eq!(sweeps.lock().queue.len(), QUEUE);
         assert!(matches!(sweeps.ask(&input(2)), SweepState::Running { .. }));
     }
 }

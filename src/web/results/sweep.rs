@@ -162,7 +162,6 @@ impl Wanted {
     pub(in crate::web) fn gap(snapshot: &Snapshot, query: &GapQuery) -> Result<Self, Error> {
         let study = &snapshot.study;
         let steps = within("steps", query.steps.unwrap_or(DEFAULT_STEPS), 2, MOST_STEPS)?;
-        let seeds = within("seeds", query.seeds.unwrap_or(DEFAULT_SEEDS), 1, MOST_SEEDS)?;
         let n = within(
             "n",
             query.n.unwrap_or(DEFAULT_ANSWERS),
@@ -173,6 +172,11 @@ impl Wanted {
         let swept = chosen(study, query.cell.as_ref())?;
         let problems: Vec<FittedProblem> =
             swept.iter().map(|swept| swept.problem.clone()).collect();
+        let models = models(query.models.as_deref())?;
+        // A study with many problems gets fewer seeds unless it asks for more.
+        let affordable = MOST_FITS / (steps * problems.len() * models.len());
+        let seeds = query.seeds.unwrap_or(DEFAULT_SEEDS.min(affordable.max(1)));
+        let seeds = within("seeds", seeds, 1, MOST_SEEDS)?;
         let variation: Variation = match &query.vary {
             Some(text) => text.parse().map_err(unprocessable)?,
             None => Variation::default_for(&problems).map_err(unprocessable)?,
@@ -207,7 +211,6 @@ impl Wanted {
             }
         };
         let sweep = GapSweep::new(&problems, variation, steps, &pattern).map_err(unprocessable)?;
-        let models = models(query.models.as_deref())?;
         let input = SweepInput::gap(sweep, models, seeds, fit_settings(study, SEED))
             .map_err(unprocessable)?;
         check_cost(&input)?;
@@ -224,7 +227,6 @@ impl Wanted {
         let outcome = match state {
             SweepState::Running { done, of, ahead } => Outcome::Running { done, of, ahead },
             SweepState::Ready(result) => Outcome::Ready { result },
-            SweepState::Full => return Err(Error::Busy),
             SweepState::Failed(message) => {
                 return Err(Error::Internal(anyhow::anyhow!(
                     "a sweep failed: {message}"
