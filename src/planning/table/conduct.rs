@@ -79,10 +79,7 @@ impl Conductor {
             Task::AwaitTurn {
                 at, placed, then, ..
             } => {
-                let other = table.effector(match self.by {
-                    By::Hand => By::Gripper,
-                    By::Gripper => By::Hand,
-                });
+                let other = table.effector(self.by.other());
                 own.position().distance(at) < GATE
                     && table.placed() >= placed
                     && (placed == 0 || other.position().distance(then) > TOWER_FREE)

@@ -9,7 +9,7 @@ use super::tower::{SlotId, Tower};
 /// Length of a time step in milliseconds.
 pub const TICK_MS: u32 = 5;
 /// The same in seconds.
-const TICK: f64 = 0.005;
+pub(super) const TICK: f64 = TICK_MS as f64 / 1000.0;
 /// Hand and gripper that are closer than this, in metres, are in each other's way.
 pub const INTERFERENCE_DISTANCE: f64 = 0.12;
 /// The opening of resting fingers, in metres.
@@ -31,7 +31,8 @@ pub enum By {
 }
 
 impl By {
-    fn other(self) -> Self {
+    /// The one beside it.
+    pub(super) fn other(self) -> Self {
         match self {
             Self::Hand => Self::Gripper,
             Self::Gripper => Self::Hand,

@@ -5,9 +5,8 @@ use std::collections::HashSet;
 use proptest::prelude::*;
 
 use super::collapse::is_in_slot;
+use super::engine::TICK;
 use super::*;
-
-const TICK: f64 = TICK_MS as f64 / 1000.0;
 
 fn replays(seeds: std::ops::Range<u64>) -> impl Iterator<Item = Replay> {
     seeds.flat_map(|seed| {

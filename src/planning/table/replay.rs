@@ -199,3 +199,18 @@ fn drawn_collapse(tower: Tower, rng: &mut impl Rng) -> Option<Collapse> {
     let pushes = STRENGTHS.iter().map(|strength| push.times(*strength));
     pushes.into_iter().find_map(|push| collapse(tower, push))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn study_files_and_addresses_use_the_same_names() {
+        for tower in [Tower::Stable, Tower::Unstable] {
+            assert_eq!(serde_json::to_value(tower).unwrap(), tower.as_str());
+        }
+        for outcome in [Outcome::Stands, Outcome::Falls] {
+            assert_eq!(serde_json::to_value(outcome).unwrap(), outcome.as_str());
+        }
+    }
+}
