@@ -1,6 +1,7 @@
 //! What a trial at the table is measured by.
 
-/// Measures of one trial, as in the paper's section on collaborative cup stacking (planned there for trials in a lab).
+/// Measures of one trial. The paper compares robots in its lab study by completion time and by the gripper's path
+/// (section "Collaborative cup stacking"); the others are ours.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measures {
     /// Time from the start until the last cup stood, in seconds. None while the tower is not complete.

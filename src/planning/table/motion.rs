@@ -17,7 +17,7 @@ pub struct Limits {
     pub finger_speed: f64,
 }
 
-/// A person's hand, faster than the arm. People reach across a table at 1 to 1.5 m/s when nothing is at stake.
+/// A person's hand. Chosen, not measured: faster than the arm, and slow enough to be followed by eye.
 pub const HAND: Limits = Limits {
     speed: 1.4,
     acceleration: 11.0,
@@ -26,7 +26,7 @@ pub const HAND: Limits = Limits {
     finger_speed: 0.5,
 };
 
-/// The gripper of a light table-top arm.
+/// The gripper of a light table-top arm. Chosen likewise.
 pub const GRIPPER: Limits = Limits {
     speed: 1.1,
     acceleration: 7.0,
