@@ -1,7 +1,7 @@
 //! The authoritative state of the table, in fixed time steps.
 
 use super::collapse::Collapse;
-use super::geometry::{CUPS, CupId, Point, Pose, workspace};
+use super::geometry::{CUPS, CupId, Point, Pose};
 use super::measures::Measures;
 use super::motion::{GRIPPER, HAND, Limits, Motion, Mover, Turner};
 use super::tower::{SlotId, Tower};
@@ -12,6 +12,9 @@ pub const TICK_MS: u32 = 5;
 pub(super) const TICK: f64 = TICK_MS as f64 / 1000.0;
 /// Hand and gripper that are closer than this, in metres, are in each other's way.
 pub const INTERFERENCE_DISTANCE: f64 = 0.12;
+/// A reach for another cup is noted no sooner than this after the one before, in milliseconds: whoever changes their mind at
+/// every tick adds five events a second.
+const REACH_MS: u32 = 200;
 /// The opening of resting fingers, in metres.
 const OPEN: f64 = 0.11;
 /// The opening of fingers around the middle of a cup, in metres.
@@ -69,6 +72,8 @@ pub struct Effector {
     opening: f64,
     grip: Grip,
     towards: Option<CupId>,
+    /// The last reach that was noted since it was last empty, and when in milliseconds.
+    noted: Option<(CupId, u32)>,
     limits: Limits,
 }
 
@@ -86,6 +91,7 @@ impl Effector {
             opening: OPEN,
             grip: Grip::Empty,
             towards: None,
+            noted: None,
             limits,
         }
     }
@@ -115,31 +121,35 @@ impl Effector {
         self.turner.tilt
     }
 
-    /// It rests at `target`, its cup turned to `tilt`.
+    /// It neither moves nor turns.
+    pub fn is_at_rest(&self) -> bool {
+        self.mover.is_at_rest() && self.turner.is_at_rest()
+    }
+
+    /// It rests at `target`, within a hundredth of a millimetre, its cup turned to `tilt`.
     pub fn rests_at(&self, target: Point, tilt: f64) -> bool {
-        self.mover.rests_at(target) && (self.turner.tilt - tilt).abs() < 0.01
+        self.is_at_rest()
+            && self.position().distance(target) < 1e-5
+            && (self.tilt() - tilt).abs() < 0.01
     }
 
     /// Moves for one tick and returns the length of the way.
     fn advance(&mut self, drive: &Drive) -> f64 {
         let before = self.mover.position;
-        let motion = match (self.grip, drive.motion) {
-            (Grip::Closing(_) | Grip::Opening(..), _) | (_, Motion::Stay) => Motion::Stay,
-            (Grip::Empty | Grip::Holding(_), Motion::To(target)) => Motion::To(workspace(target)),
-            (Grip::Empty | Grip::Holding(_), Motion::Through(target)) => {
-                Motion::Through(workspace(target))
-            }
+        let motion = match self.grip {
+            Grip::Closing(_) | Grip::Opening(..) => Motion::Stay,
+            Grip::Empty | Grip::Holding(_) => drive.motion.within_workspace(),
         };
         self.mover.advance(motion, drive.pace, &self.limits, TICK);
         if let Grip::Holding(_) = self.grip {
             self.turner.advance(drive.tilt, &self.limits, TICK);
         }
-        self.towards = drive.towards;
         self.mover.position.distance(before)
     }
 }
 
-/// What is asked of the hand or the gripper for one tick. It is followed as far as the limits allow.
+/// What is asked of the hand or the gripper for one tick. It is followed as far as the limits allow. One in which a number
+/// is not finite is followed as [`Drive::STAY`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
     /// Where to move.
@@ -160,6 +170,17 @@ impl Drive {
         tilt: 0.0,
         towards: None,
     };
+
+    /// Itself, or to stay where a number is not finite.
+    fn or_stay(self) -> Self {
+        let target = self.motion.target().unwrap_or(Point::new(0.0, 0.0, 0.0));
+        let numbers = [self.pace, self.tilt, target.x, target.y, target.z];
+        if numbers.into_iter().all(f64::is_finite) {
+            self
+        } else {
+            Self::STAY
+        }
+    }
 }
 
 /// Where a cup is.
@@ -173,7 +194,7 @@ enum Place {
 /// Something that happened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// Hand or gripper set out for a cup.
+    /// Hand or gripper set out for a cup, or, on the way, for another one.
     ReachesFor {
         /// Which of them.
         by: By,
@@ -222,6 +243,9 @@ pub enum Refusal {
     /// It carries nothing.
     #[error("{0:?} cannot let go: it holds no cup")]
     NothingHeld(By),
+    /// It has to come to rest before.
+    #[error("{0:?} can neither grasp nor let go: it moves")]
+    Moving(By),
     /// The cup is carried, or stands in the tower.
     #[error("cup {} cannot be taken: it does not stand at its start", .0.index())]
     Taken(CupId),
@@ -292,6 +316,7 @@ pub struct Table {
     hand: Effector,
     gripper: Effector,
     cups: [Place; CUPS],
+    placed: usize,
     fate: Fate,
     interferes: bool,
     events: Vec<TimedEvent>,
@@ -307,6 +332,7 @@ impl Table {
             hand: Effector::new(By::Hand, HAND),
             gripper: Effector::new(By::Gripper, GRIPPER),
             cups: [Place::Start; CUPS],
+            placed: 0,
             fate: Fate::Open,
             interferes: false,
             events: Vec::new(),
@@ -316,6 +342,7 @@ impl Table {
 
     /// Lets one tick pass.
     pub fn advance(&mut self, hand: Drive, gripper: Drive) {
+        let [hand, gripper] = [hand, gripper].map(Drive::or_stay);
         self.note_reach(By::Hand, hand.towards);
         self.note_reach(By::Gripper, gripper.towards);
         self.ticks += 1;
@@ -338,6 +365,9 @@ impl Table {
         }
         if self.effector(by.other()).grip == Grip::Closing(cup) {
             return Err(Refusal::Taken(cup));
+        }
+        if !effector.is_at_rest() {
+            return Err(Refusal::Moving(by));
         }
         let metres = effector.position().distance(cup.start().position);
         if metres > PLACE_TOLERANCE {
@@ -363,6 +393,9 @@ impl Table {
         let supports = self.tower.supports(slot);
         if let Some(&missing) = supports.iter().find(|slot| self.in_slot(**slot).is_none()) {
             return Err(Refusal::Unsupported { slot, missing });
+        }
+        if !effector.is_at_rest() {
+            return Err(Refusal::Moving(by));
         }
         let pose = self.tower.pose(slot);
         let metres = effector.position().distance(pose.position);
@@ -432,8 +465,7 @@ impl Table {
 
     /// How many cups stand in the tower, let go.
     pub fn placed(&self) -> usize {
-        let placed = |event: &&TimedEvent| matches!(event.event, Event::Placed { .. });
-        self.events.iter().filter(placed).count()
+        self.placed
     }
 
     /// Milliseconds since the start.
@@ -488,11 +520,19 @@ impl Table {
     }
 
     fn note_reach(&mut self, by: By, towards: Option<CupId>) {
-        if let Some(cup) = towards
-            && self.effector(by).towards != towards
+        let now = self.time_ms();
+        let effector = self.effector_mut(by);
+        effector.towards = towards.filter(|_| effector.grip == Grip::Empty);
+        let Some(cup) = effector.towards else {
+            return;
+        };
+        if let Some((last, at_ms)) = effector.noted
+            && (cup == last || now < at_ms + REACH_MS)
         {
-            self.note(Event::ReachesFor { by, cup });
+            return;
         }
+        effector.noted = Some((cup, now));
+        self.note(Event::ReachesFor { by, cup });
     }
 
     fn move_fingers(&mut self, by: By) {
@@ -503,6 +543,7 @@ impl Table {
             Grip::Closing(cup) => {
                 effector.opening = (effector.opening - way).max(CLOSED);
                 if effector.opening == CLOSED {
+                    effector.noted = None;
                     effector.grip = Grip::Holding(cup);
                     self.cups[cup.index()] = Place::Held(by);
                     self.note(Event::Grasps { by, cup });
@@ -512,8 +553,9 @@ impl Table {
                 effector.opening = (effector.opening + way).min(OPEN);
                 if effector.opening == OPEN {
                     effector.grip = Grip::Empty;
+                    self.placed += 1;
                     self.note(Event::Placed { by, cup, slot });
-                    if self.placed() == CUPS {
+                    if self.placed == CUPS {
                         self.measures.completion_seconds = Some(f64::from(self.time_ms()) / 1000.0);
                     }
                 }

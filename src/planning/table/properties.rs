@@ -22,8 +22,15 @@ fn replays(seeds: std::ops::Range<u64>) -> impl Iterator<Item = Replay> {
     })
 }
 
+/// Numbers as a client may send them, most of them usual ones.
+fn number(usual: std::ops::Range<f64>) -> impl Strategy<Value = f64> {
+    let odd = vec![f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, -0.0];
+    prop_oneof![20 => usual, 1 => prop::sample::select(odd)]
+}
+
 fn point() -> impl Strategy<Value = Point> {
-    (-2.0..2.0, -2.0..2.0, -2.0..2.0).prop_map(|(x, y, z)| Point::new(x, y, z))
+    let axis = || number(-2.0..2.0);
+    (axis(), axis(), axis()).prop_map(|(x, y, z)| Point::new(x, y, z))
 }
 
 fn drive() -> impl Strategy<Value = Drive> {
@@ -32,12 +39,15 @@ fn drive() -> impl Strategy<Value = Drive> {
         point().prop_map(Motion::To),
         point().prop_map(Motion::Through)
     ];
-    (motion, 0.0..100.0, -1000.0..1000.0).prop_map(|(motion, pace, tilt)| Drive {
-        motion,
-        pace,
-        tilt,
-        towards: None,
-    })
+    let cup = prop::option::of(prop::sample::select(&CupId::ALL[..]));
+    (motion, number(-1.0..3.0), number(-1000.0..1000.0), cup).prop_map(
+        |(motion, pace, tilt, towards)| Drive {
+            motion,
+            pace,
+            tilt,
+            towards,
+        },
+    )
 }
 
 /// A point on the table that hand or gripper may take without the workspace changing it.
@@ -77,7 +87,7 @@ fn fetch(table: &mut Table, by: By, cup: CupId, slot: Pose) {
 
 proptest! {
     #[test]
-    fn speed_and_acceleration_stay_in_bounds_whatever_is_asked(
+    fn speed_acceleration_and_place_stay_in_bounds_whatever_is_asked(
         drives in prop::collection::vec((drive(), drive(), 1_usize..120), 1..12)
     ) {
         let mut table = Table::new(Tower::Stable);
@@ -91,9 +101,12 @@ proptest! {
                     prop_assert!(way <= limits.speed * TICK * (1.0 + 1e-9));
                     let change = new.velocity().distance(old.velocity());
                     prop_assert!(change <= limits.acceleration * TICK * (1.0 + 1e-9));
+                    prop_assert_eq!(new.position(), workspace(new.position()));
+                    prop_assert!(new.tilt().is_finite());
                 }
             }
         }
+        move_to(&mut table, By::Hand, workspace(Point::new(1.0, -1.0, -1.0)), None);
     }
 
     #[test]
@@ -122,6 +135,52 @@ proptest! {
         let lasted = f64::from(table.time_ms()) / 1000.0;
         prop_assert!((lasted - seconds).abs() <= 4.0 * TICK, "{} s instead of {}", lasted, seconds);
     }
+}
+
+#[test]
+fn fingers_close_only_at_rest() {
+    let mut table = Table::new(Tower::Stable);
+    let cup = CupId::ORANGE;
+    let start = cup.start().position;
+    move_to(
+        &mut table,
+        By::Hand,
+        start + Point::new(-0.03, 0.0, 0.0),
+        None,
+    );
+    let pass = Drive {
+        motion: Motion::To(start + Point::new(0.03, 0.0, 0.0)),
+        pace: 0.05,
+        ..Drive::STAY
+    };
+    let mut refusals = Vec::new();
+    while table.effector(By::Hand).position().x < 0.02 {
+        table.advance(pass, Drive::STAY);
+        refusals.push(table.grasp(By::Hand, cup).unwrap_err());
+    }
+    assert!(refusals.contains(&Refusal::Moving(By::Hand)));
+    move_to(&mut table, By::Hand, start, None);
+    table.grasp(By::Hand, cup).unwrap();
+}
+
+#[test]
+fn a_change_of_mind_at_every_tick_is_not_an_event_at_every_tick() {
+    let mut table = Table::new(Tower::Stable);
+    let reach = |cup: usize| Drive {
+        towards: Some(CupId::ALL[cup]),
+        ..Drive::STAY
+    };
+    for tick in 0..2000 {
+        table.advance(reach(tick % 2), Drive::STAY);
+    }
+    assert_eq!(table.time_ms(), 10_000);
+    assert!((2..=50).contains(&table.events().len()));
+    let stays = table.events().len();
+    for _ in 0..2000 {
+        table.advance(Drive::STAY, Drive::STAY);
+        table.advance(reach(1), Drive::STAY);
+    }
+    assert!(table.events().len() <= stays + 1);
 }
 
 #[test]
