@@ -5,7 +5,7 @@
 
 use rapier2d::prelude::*;
 
-use super::engine::TICK_MS;
+use super::effector::TICK_MS;
 use super::geometry::{BOTTOM_RADIUS, CUP_HEIGHT, CUPS, MOUTH_RADIUS, Point, Pose, TABLE_END};
 use super::tower::{SlotId, TOWER_Y, Tower};
 

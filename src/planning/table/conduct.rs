@@ -1,6 +1,7 @@
 //! The simulated person and arm: they carry out their duties tick by tick, as clients of the engine.
 
-use super::engine::{By, Drive, Grip, Refusal, TICK_MS, Table};
+use super::effector::{By, Drive, Grip, TICK_MS};
+use super::engine::{Refusal, Table};
 use super::geometry::Point;
 use super::motion::Motion;
 use super::plan::{Duties, Task};

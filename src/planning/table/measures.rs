@@ -13,4 +13,7 @@ pub struct Measures {
     /// How many times hand and gripper came into each other's way: were on the way to the same cup, or closer than
     /// [`INTERFERENCE_DISTANCE`](super::INTERFERENCE_DISTANCE). What lasts counts once.
     pub interferences: u32,
+    /// How many times the gripper turned back: put a cup back to its start, or set out for another cup than the one that it
+    /// was reaching for.
+    pub replans: u32,
 }

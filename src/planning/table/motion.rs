@@ -156,7 +156,7 @@ impl Mover {
 }
 
 /// The turning of a carried cup.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Turner {
     /// The angle in degrees.
     pub tilt: f64,
