@@ -141,10 +141,11 @@ pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
     has_fallen.then_some(Collapse { steps, standing })
 }
 
-/// A cup with this pose still stands in its slot: where it stood, and upright.
-pub fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
+/// A cup with this pose fills the slot: it stands there, the right way up, however often it has turned over.
+fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
     let meant = tower.pose(slot);
-    pose.position.distance(meant.position) < STILL_THERE && (pose.tilt - meant.tilt).abs() < 10.0
+    let turned = (pose.tilt - meant.tilt).rem_euclid(360.0);
+    pose.position.distance(meant.position) < STILL_THERE && turned.min(360.0 - turned) < 10.0
 }
 
 /// The table top between two walls that nobody sees, at cup scale: contacts are as exact as a tenth of a millimetre.

@@ -26,6 +26,8 @@ mod projection;
 #[cfg(test)]
 mod properties;
 mod replay;
+#[cfg(test)]
+mod replay_properties;
 mod timeline;
 mod tower;
 mod tracks;
