@@ -28,6 +28,8 @@ mod properties;
 mod replay;
 #[cfg(test)]
 mod replay_properties;
+#[cfg(test)]
+mod stimuli;
 mod timeline;
 mod tower;
 mod tracks;
