@@ -254,6 +254,26 @@ fn a_held_cup_cannot_be_taken() {
 }
 
 #[test]
+fn a_cup_between_moving_fingers_cannot_be_taken() {
+    let mut table = Table::default();
+    let cup = CupId::ORANGE;
+    let [hand, gripper] = [By::Hand, By::Gripper];
+    move_to(&mut table, hand, cup.start().position, None);
+    move_to(&mut table, gripper, cup.start().position, None);
+    table.grasp(hand, cup).unwrap();
+    assert_eq!(table.grasp(gripper, cup), Err(Refusal::Taken(cup)));
+    while table.effector(hand).grip() != Grip::Holding(cup) {
+        table.advance(Drive::STAY, Drive::STAY);
+    }
+    table.put_back(hand).unwrap();
+    assert_eq!(table.grasp(gripper, cup), Err(Refusal::Taken(cup)));
+    while table.effector(hand).grip() != Grip::Empty {
+        table.advance(Drive::STAY, Drive::STAY);
+    }
+    table.grasp(gripper, cup).unwrap();
+}
+
+#[test]
 fn the_same_target_is_one_interference_as_long_as_it_lasts() {
     let mut table = Table::default();
     let reach = |cup: usize| Drive {
