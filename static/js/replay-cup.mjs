@@ -1,15 +1,10 @@
 import { towardsViewer } from "./replay-timeline.mjs";
 
-// Metres, as in the table engine: a frustum, its mouth wider than its bottom.
-const height = 0.1;
-const mouthRadius = 0.04;
-const bottomRadius = 0.028;
-const widening = (mouthRadius - bottomRadius) / height;
-
 // Light falls from the upper left, over the person's shoulder.
 const light = [-0.55, -0.35, 0.75];
 const shadeHalfWidth = 1.15;
 
+// Metres along the axis, from the middle of the cup.
 const stripes = { lip: [0.042, 0.05], band: [-0.014, 0.02], line: [0.024, 0.03] };
 
 /**
@@ -21,10 +16,15 @@ const stripes = { lip: [0.042, 0.05], band: [-0.014, 0.02], line: [0.024, 0.03] 
 /**
  * What a cup looks like when turned in the tower's plane.
  * @param {{x: number[], y: number[], z: number[]}} projection picture units per metre
+ * @param {import("./replay-timeline.mjs").CupSize} size a frustum, its mouth wider than its bottom
  * @param {number} tilt tenths of a degree: 0 = mouth down, clockwise as the person sees it
  * @returns {CupShape}
  */
-export function cupShape({ x, y, z }, tilt) {
+export function cupShape({ x, y, z }, size, tilt) {
+  const height = size.height / 1000;
+  const mouth = size.mouth_radius / 1000;
+  const bottom = size.bottom_radius / 1000;
+  const wall = { middle: (mouth + bottom) / 2, widening: (mouth - bottom) / height };
   const angle = (tilt / 1800) * Math.PI;
   const [sine, cosine] = [Math.sin(angle), Math.cos(angle)];
   // The cup's own directions in the picture: from its middle to its mouth, and across.
@@ -34,16 +34,16 @@ export function cupShape({ x, y, z }, tilt) {
   const facing = { across: cosine * viewer[0] - sine * viewer[2], away: viewer[1], mouth: -sine * viewer[0] - cosine * viewer[2] };
   const lit = { across: cosine * light[0] - sine * light[2], away: light[1] };
 
-  const [from, to] = visibleSide(axis, across, y, facing);
+  const [from, to] = visibleSide(wall, axis, across, y, facing);
   const dark = nearestTurn(Math.atan2(lit.away, lit.across) + Math.PI, (from + to) / 2);
   const surface = (low, high, start = from, end = to) =>
-    start < end ? side(axis, across, y, low, high, start, end) : "";
+    start < end ? side(wall, axis, across, y, low, high, start, end) : "";
 
   const open = facing.mouth > 0;
-  const centre = open ? height / 2 : -height / 2;
+  const [radius, centre] = open ? [mouth, height / 2] : [bottom, -height / 2];
   return {
     open,
-    end: [...across, ...y, axis[0] * centre, axis[1] * centre].map(rounded).join(" "),
+    end: [...[...across, ...y].map((part) => part * radius), axis[0] * centre, axis[1] * centre].map(rounded).join(" "),
     body: surface(-height / 2, height / 2),
     shade: surface(-height / 2, height / 2, Math.max(from, dark - shadeHalfWidth), Math.min(to, dark + shadeHalfWidth)),
     lip: surface(...stripes.lip),
@@ -53,7 +53,7 @@ export function cupShape({ x, y, z }, tilt) {
 }
 
 /** Between which angles around its axis the side of the cup can be seen. */
-function visibleSide(axis, across, away, facing) {
+function visibleSide({ widening }, axis, across, away, facing) {
   // At the edge the outline runs along the surface: a cos φ - b sin φ = c.
   const a = cross(axis, away);
   const b = cross(axis, across);
@@ -65,11 +65,11 @@ function visibleSide(axis, across, away, facing) {
 }
 
 /** The surface between two heights on the axis and two angles around it. */
-function side(axis, across, away, low, high, start, end) {
+function side({ middle, widening }, axis, across, away, low, high, start, end) {
   const steps = Math.max(2, Math.ceil((end - start) * 5));
   const points = [];
   const add = (along, angle) => {
-    const radius = (mouthRadius + bottomRadius) / 2 + widening * along;
+    const radius = middle + widening * along;
     const ring = mix(across, radius * Math.cos(angle), away, radius * Math.sin(angle));
     points.push(`${rounded(axis[0] * along + ring[0])} ${rounded(axis[1] * along + ring[1])}`);
   };

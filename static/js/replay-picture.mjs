@@ -38,12 +38,13 @@ export class ReplayPicture {
     const shoulder = project(timeline.projection, timeline.arm.shoulder);
     move(this.base, shoulder);
     move(this.shoulder, shoulder);
+    for (const cup of this.cups) cup.open(timeline);
   }
 
   draw(ms) {
     const moment = momentAt(this.timeline, ms);
     const { projection } = this.timeline;
-    moment.cups.forEach((cup, index) => this.cups[index].draw(projection, cup));
+    moment.cups.forEach((cup, index) => this.cups[index].draw(cup));
     this.drawArm(projection, moment);
     this.drawHand(projection, moment);
     this.arrange(moment);
@@ -55,8 +56,8 @@ export class ReplayPicture {
     const bend = project(projection, elbow);
     this.upperLink.setAttribute("d", limb(shoulder, bend, 15, 11));
     this.foreLink.setAttribute("d", limb(bend, wrist, 11, 8));
-    place(this.elbow, bend);
-    place(this.gripper, project(projection, gripper));
+    move(this.elbow, bend);
+    move(this.gripper, project(projection, gripper));
     const half = (projection.x[0] * opening) / 2000;
     move(this.fingers[0], [-half, 0]);
     move(this.fingers[1], [half, 0]);
@@ -67,7 +68,7 @@ export class ReplayPicture {
     const grip = project(projection, hand);
     const turn = (Math.atan2(grip[0] - elbowOffPicture[0], elbowOffPicture[1] - grip[1]) * 180) / Math.PI;
     const turned = `rotate(${turn.toFixed(2)})`;
-    place(this.hand, grip, turned);
+    move(this.hand, grip, turned);
     move(this.handBehind, grip, turned);
     // The hand closes around a cup as it comes near.
     const nearest = Math.min(...cups.map(({ at }) => Math.hypot(at[0] - hand[0], at[1] - hand[1], at[2] - hand[2])));
@@ -104,29 +105,27 @@ class DrawnCup {
     this.ends = element.querySelectorAll(".cup-mouth, .cup-bottom");
   }
 
-  draw(projection, { at, tilt }) {
-    place(this.element, project(projection, at));
+  open({ projection, cup }) {
+    Object.assign(this, { projection, size: cup, tilt: null });
+  }
+
+  draw({ at, tilt }) {
+    const { projection, size } = this;
+    move(this.element, project(projection, at));
     move(this.shadow, project(projection, [at[0], at[1], 0]));
     if (tilt === this.tilt) return;
     this.tilt = tilt;
-    const shape = cupShape(projection, tilt);
+    const shape = cupShape(projection, size, tilt);
     for (const [name, path] of this.parts) path?.setAttribute("d", shape[name]);
     for (const end of this.ends) end.setAttribute("transform", `matrix(${shape.end})`);
     this.element.classList.toggle("cup--open", shape.open);
   }
 }
 
-/** Moves a part whose drawn place is told to whoever checks the picture. */
-function place(element, at, more = "") {
-  if (move(element, at, more) || !element.dataset.at) element.dataset.at = `${at[0].toFixed(3)},${at[1].toFixed(3)}`;
-}
-
 /** What stands still is left alone: each write costs the browser style and layout. */
 function move(element, [right, down], more = "") {
   const transform = `translate(${right.toFixed(3)} ${down.toFixed(3)})${more}`;
-  if (element.getAttribute("transform") === transform) return false;
-  element.setAttribute("transform", transform);
-  return true;
+  if (element.getAttribute("transform") !== transform) element.setAttribute("transform", transform);
 }
 
 /** A link of the arm: wider where it starts. */

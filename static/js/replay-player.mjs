@@ -1,28 +1,18 @@
-/**
- * Where the time of the pictures comes from: `request` calls back before the next one with the time in milliseconds.
- * @typedef {{request: (callback: (now: number) => void) => number, cancel: (request: number) => void}} Frames
- * @typedef {"loading" | "failed" | "ready" | "playing" | "paused" | "ended"} PlayerState
- */
+/** @typedef {"loading" | "failed" | "ready" | "playing" | "paused" | "ended"} PlayerState */
 
 // Longer gaps between two pictures are no watching: the replay goes on from where it was.
 const longestStepMs = 250;
-
-/** @type {Frames} */
-const browserFrames = {
-  request: (callback) => requestAnimationFrame(callback),
-  cancel: (request) => cancelAnimationFrame(request),
-};
 
 /**
  * Plays one time line at a time. Whoever watches can go back, but ahead no further than the replay was played before.
  */
 export class ReplayPlayer {
   /**
-   * @param {(player: ReplayPlayer) => void} onChange called after every change of state or time
-   * @param {Frames} frames
+   * @param {() => void} onChange called after every change of state or time
+   * @param {() => void} onPlayed called when a replay was played to its end; moving to the end is no playing
    */
-  constructor(onChange, frames = browserFrames) {
-    Object.assign(this, { onChange, frames });
+  constructor(onChange, onPlayed) {
+    Object.assign(this, { onChange, onPlayed });
     /** @type {PlayerState} */
     this.state = "loading";
     this.close();
@@ -56,7 +46,7 @@ export class ReplayPlayer {
     if (!this.timeline || this.state === "playing") return;
     if (this.timeMs >= this.durationMs) this.timeMs = 0;
     this.lastMs = null;
-    this.request = this.frames.request((now) => this.step(now));
+    this.request = requestAnimationFrame((now) => this.step(now));
     this.become("playing");
   }
 
@@ -95,19 +85,23 @@ export class ReplayPlayer {
     this.lastMs = now;
     this.timeMs = Math.min(this.timeMs + passed, this.durationMs);
     this.frontierMs = Math.max(this.frontierMs, this.timeMs);
-    if (this.timeMs >= this.durationMs) return this.become("ended");
-    this.request = this.frames.request((next) => this.step(next));
+    if (this.timeMs >= this.durationMs) {
+      this.become("ended");
+      this.onPlayed();
+      return;
+    }
+    this.request = requestAnimationFrame((next) => this.step(next));
     this.become("playing");
   }
 
   stopFrames() {
-    if (this.request !== undefined) this.frames.cancel(this.request);
+    if (this.request !== undefined) cancelAnimationFrame(this.request);
     this.request = undefined;
   }
 
   /** @param {PlayerState} state */
   become(state) {
     this.state = state;
-    this.onChange(this);
+    this.onChange();
   }
 }

@@ -2,12 +2,16 @@
  * A point of the table's world in millimetres: right, away from the person, up.
  * @typedef {[number, number, number]} Point
  *
+ * What a cup measures, in millimetres.
+ * @typedef {{height: number, mouth_radius: number, bottom_radius: number}} CupSize
+ *
  * The time line of one replay, as the server sends it: frames at 0, `frame_ms`, … and `duration_ms`.
  * @typedef {object} Timeline
  * @property {number} duration_ms
  * @property {number} frame_ms
  * @property {{origin: number[], x: number[], y: number[], z: number[]}} projection picture units per metre
  * @property {{shoulder: Point}} arm
+ * @property {CupSize} cup
  * @property {object} tracks one list of whole numbers for each part and axis
  * @property {{at_ms: number, text: string}[]} captions each holds until the next
  * @property {number[]} still_ms the moments that are shown where motion is unwanted
@@ -27,16 +31,11 @@
  * @param {Timeline} timeline
  * @returns {Moment}
  */
-export function momentAt({ tracks, frame_ms, duration_ms }, ms) {
+export function momentAt({ tracks, frame_ms }, ms) {
   const last = tracks.hand.x.length - 1;
   const index = Math.max(0, Math.min(Math.floor(ms / frame_ms), last - 1));
-  const from = index * frame_ms;
-  const to = index + 1 === last ? duration_ms : from + frame_ms;
-  const share = Math.max(0, Math.min(1, (ms - from) / (to - from)));
-  const between = (track) => {
-    const next = track[Math.min(index + 1, last)];
-    return track[index] + (next - track[index]) * share;
-  };
+  const share = Math.max(0, Math.min(1, ms / frame_ms - index));
+  const between = (track) => track[index] + (track[index + 1] - track[index]) * share;
   const point = (track) => [between(track.x), between(track.y), between(track.z)];
   return {
     hand: point(tracks.hand),

@@ -16,13 +16,13 @@ export class Replays {
     this.part = (name) => element.querySelector(`[data-part=${name}]`);
     this.form = element.querySelector("form");
     this.button = this.form.querySelector("[name=continue]");
-    this.replays = [...this.part("texts").children].map((item) => ({ ...item.dataset, text: item.textContent.trim() }));
+    this.replays = [...this.part("texts").querySelectorAll("li")].map((item) => ({ ...item.dataset, text: item.textContent.trim() }));
     const { run, step } = element.dataset;
     this.progress = new ReplayProgress(`riskaware.replays.${run}.${step}`, this.replays.map(({ replay }) => replay));
     this.source = new ReplaySource();
     this.stills = matchMedia("(prefers-reduced-motion: reduce)");
     this.picture = new ReplayPicture(this.part("stage").querySelector("svg"));
-    this.player = new ReplayPlayer(() => this.changed());
+    this.player = new ReplayPlayer(() => this.changed(), () => this.played());
     this.controls = new ReplayControls(this.part("player"), this.player);
     this.marks = new ReplayMarks(this.part("marks"), this.progress, (index) => this.show(index, true));
 
@@ -85,7 +85,6 @@ export class Replays {
     if (before === state) return;
     if (state === "playing") this.started();
     if (state === "paused") this.progress.keep();
-    if (state === "ended" && before === "playing") this.ended();
     if (state === "loading") this.say("The replay is loading.");
     if (state === "failed") this.say("");
   }
@@ -110,7 +109,7 @@ export class Replays {
     if (following) this.source.prefetch(following.url);
   }
 
-  ended() {
+  played() {
     this.progress.ended(this.current.replay, this.stills.matches);
     this.showProgress();
   }

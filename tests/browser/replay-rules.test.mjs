@@ -96,6 +96,25 @@ test("a seen replay can be watched again by its mark, one to come cannot", async
   await page.context().close();
 });
 
+test("moving to the end of a seen replay is no play", async () => {
+  const page = await openStopped(browser, server);
+  await playThrough(page);
+  const plays = async () => (await viewings(page)).map((viewing) => viewing.plays);
+  const { timeMs: end } = await told(page);
+  await press(page, "Restart");
+  await page.clock.runFor(1000);
+  assert.equal((await told(page)).state, "playing");
+  await scrub(page, end);
+  assert.equal((await told(page)).state, "ended");
+  assert.deepEqual(await plays(), [1]);
+  await scrub(page, 1000);
+  await scrub(page, end);
+  assert.deepEqual(await plays(), [1]);
+  await playThrough(page);
+  assert.deepEqual(await plays(), [2]);
+  await page.context().close();
+});
+
 test("keys play, pause, go back and move along the slider", async () => {
   const page = await openStopped(browser, server);
   const state = async () => (await told(page)).state;
@@ -205,13 +224,19 @@ test("without storage the player works for as long as the page is open", async (
   await page.context().close();
 });
 
-test("without scripts the page holds the descriptions and an open form", async () => {
+test("without scripts the page holds the descriptions, the time they take, and an open form", async () => {
   const page = await open(browser, { javaScriptEnabled: false });
   await reachReplays(page, server.url);
   assert.ok(await part(page, "texts").isVisible());
-  assert.ok((await part(page, "texts").locator("li").count()) >= 10);
+  const replays = await listed(page);
+  assert.ok(replays.length >= 10);
+  const durations = await Promise.all(replays.map(async ({ replay }) => (await timelineOf(page, replay)).duration_ms));
+  const seconds = Math.ceil(durations.reduce((sum, ms) => sum + ms, 0) / 1000);
+  assert.match(await part(page, "texts").locator("p").textContent(), new RegExp(`go on ${seconds} seconds after`));
   assert.ok(await part(page, "player").isHidden());
   assert.ok(await goOnButton(page).isEnabled());
   assert.equal(await page.locator("input[name=viewings]").inputValue(), "");
+  await goOnButton(page).click();
+  assert.match(await page.locator("main").textContent(), new RegExp(`last ${seconds} seconds`));
   await page.context().close();
 });

@@ -34,7 +34,7 @@ export async function openStopped(browser, server, options = {}) {
   return page;
 }
 
-/** The replays of the page, in their order: id, address, seconds, description. */
+/** The replays of the page, in their order: id, address, description. */
 export function listed(page) {
   return part(page, "texts").locator("li").evaluateAll((items) =>
     items.map((item) => ({ ...item.dataset, text: item.textContent.trim() })));
@@ -93,4 +93,60 @@ export function drawnAt(page) {
       return [name, [e, f]];
     }));
   });
+}
+
+/**
+ * What the browser draws of each cup, around its middle, in picture units: the box of its outline (left, top, right,
+ * bottom), which of its ends is shown, and where that end's middle is.
+ */
+export function cupsDrawn(page) {
+  return part(page, "stage").evaluate((stage) =>
+    [0, 1, 2, 3, 4].map((index) => {
+      const cup = stage.querySelector(`[data-part="cup-${index}"]`);
+      const ends = ["mouth", "bottom"].filter((end) => getComputedStyle(cup.querySelector(`.cup-${end}`)).display !== "none");
+      const disc = cup.querySelector(`.cup-${ends[0]} circle`);
+      const { a, b, c, d, e, f } = cup.getScreenCTM().inverse().multiply(disc.getScreenCTM());
+      // A browser's own box around a slanted disc is too large.
+      const [right, down] = [Math.hypot(a, c), Math.hypot(b, d)].map((half) => half * disc.r.baseVal.value);
+      const { x, y, width, height } = cup.querySelector(".cup-body").getBBox();
+      const box = [
+        Math.min(x, e - right), Math.min(y, f - down), Math.max(x + width, e + right), Math.max(y + height, f + down),
+      ];
+      return { box, ends, at: [e, f] };
+    }));
+}
+
+/** Where the inner edges of the gripper's fingers are, left and right of its middle, in picture units. */
+export function fingersDrawn(page) {
+  return part(page, "gripper").evaluate((gripper) => {
+    const inverse = gripper.getScreenCTM().inverse();
+    return ["left", "right"].map((side) => {
+      const finger = gripper.querySelector(`[data-part="finger-${side}"]`);
+      const { x, width } = finger.getBBox();
+      return inverse.multiply(finger.getScreenCTM()).e + (side === "left" ? x + width : x);
+    });
+  });
+}
+
+/** The picture as it is now, as markup. */
+export const drawing = (page) => part(page, "stage").locator("svg").evaluate((svg) => svg.outerHTML);
+
+/**
+ * Puts pictures side by side in place of the page.
+ * @param {{title: string, markup: string}[]} pictures
+ */
+export async function showStrip(page, pictures) {
+  await page.evaluate((pictures) => {
+    const strip = document.createElement("div");
+    strip.id = "strip";
+    Object.assign(strip.style, { display: "grid", gridTemplateColumns: "repeat(4, 320px)", width: "1280px" });
+    for (const { title, markup } of pictures) {
+      const cell = document.createElement("div");
+      cell.innerHTML = markup;
+      cell.append(title);
+      strip.append(cell);
+    }
+    document.body.replaceChildren(strip);
+  }, pictures);
+  return page.locator("#strip");
 }

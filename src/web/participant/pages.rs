@@ -96,6 +96,8 @@ pub(super) struct ReplaysPage<'a> {
     pub text: ReplaysStep<'a>,
     /// In the order of this run.
     pub replays: Vec<ReplayView>,
+    /// How long they last together: nobody goes on before.
+    pub seconds: u64,
     pub errors: Vec<FieldError>,
 }
 
@@ -103,7 +105,6 @@ pub(super) struct ReplaysPage<'a> {
 pub(super) struct ReplayView {
     pub id: ReplayId,
     pub url: String,
-    pub seconds: u64,
     /// What happens in it, for a page without scripts and for the transcript.
     pub description: String,
 }

@@ -216,10 +216,7 @@ impl RunPages {
         let Some(step) = current.filter(|_| run.population == Population::People) else {
             return Ok(None);
         };
-        let mut lasts_ms = 0;
-        for named in &shown.replays {
-            lasts_ms += self.replays.played(&named.id).await?.duration_ms;
-        }
+        let lasts_ms = self.lasts_ms(shown).await?;
         let passed_ms = step.shown_at.map_or(0, |shown_at| {
             self.store.clock().now().millis_since(shown_at)
         });
@@ -233,6 +230,15 @@ impl RunPages {
         }))
     }
 
+    /// How long the replays of a step last together, in milliseconds.
+    async fn lasts_ms(&self, step: &ReplaysStep<'_>) -> Result<u64, Error> {
+        let mut lasts_ms = 0;
+        for named in &step.replays {
+            lasts_ms += self.replays.played(&named.id).await?.duration_ms;
+        }
+        Ok(lasts_ms)
+    }
+
     async fn replay_views(&self, step: &ReplaysStep<'_>) -> Result<Vec<ReplayView>, Error> {
         let mut views = Vec::with_capacity(step.replays.len());
         for named in &step.replays {
@@ -240,7 +246,6 @@ impl RunPages {
             views.push(ReplayView {
                 id: named.id.clone(),
                 url: replays::url(&named.id),
-                seconds: played.duration_ms.div_ceil(1000),
                 description: played.description.clone(),
             });
         }
@@ -289,6 +294,7 @@ impl RunPages {
             (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
                 run: self.link(token, run, shown),
                 replays: self.replay_views(&text).await?,
+                seconds: self.lasts_ms(&text).await?.div_ceil(1000),
                 text,
                 errors: rejected.errors,
             }

@@ -1,5 +1,6 @@
 import { cellLabel, levelLabel, panelsOfCells } from "./cells.mjs";
 import { count, percent } from "./format.mjs";
+import { linesOf, textWidth } from "./lines.mjs";
 import { modelStyles } from "./palette.mjs";
 import { Plot } from "./plot.mjs";
 import { sheet } from "./sheet.mjs";
@@ -7,6 +8,10 @@ import { sheet } from "./sheet.mjs";
 const headHeight = 24;
 const rowHeight = 48;
 const rowHeightWithoutModels = 28;
+const lineHeight = 17;
+const nameGap = 8;
+// Of a panel's width; longer names of actions take more lines.
+const widestNames = 0.36;
 const models = ["risk_aware", "noisy_rational"];
 
 /** What people chose in each cell, beside what each fitted model predicts. */
@@ -14,10 +19,9 @@ export const actions = {
   needs: ["summary"],
 
   draw({ summary }, { width, palette }) {
-    const longest = Math.max(...summary.actions.map((action) => action.label.length));
     const panels = panelsOfCells(summary).map(({ title, cells }) => ({
       title,
-      draw: (panelWidth) => drawPanel(summary, cells, panelWidth, palette, Math.min(120, longest * 8 + 12)),
+      draw: (panelWidth) => drawPanel(summary, cells, panelWidth, palette),
     }));
     return sheet({
       width,
@@ -77,7 +81,9 @@ function predictedText(predicted) {
 }
 
 /** Rows are laid out in pixels from the top: a head for each cell, then a row for each action. */
-function drawPanel(summary, cells, width, palette, marginLeft) {
+function drawPanel(summary, cells, width, palette) {
+  const lines = new Map(summary.actions.map(({ id, label }) => [id, linesOf(label, width * widestNames)]));
+  const marginLeft = Math.max(...[...lines.values()].flat().map(textWidth)) + nameGap + 2;
   const heads = [];
   const observed = [];
   const predicted = [];
@@ -87,13 +93,16 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
     heads.push({ y: y + headHeight / 2, text: headText(summary, cell) });
     y += headHeight;
     for (const action of cell.actions) {
-      names.push({ y: y + 10, text: summary.actions.find((candidate) => candidate.id === action.id).label, share: action.share });
+      const name = lines.get(action.id);
+      // The first row of marks stands beside the middle of the name.
+      y += ((name.length - 1) * lineHeight) / 2;
+      names.push({ y: y + 10, text: name.join("\n"), share: action.share });
       if (action.share !== null) observed.push({ ...action, y: y + 10 });
       models.forEach((model, index) => {
         const value = cell.predicted?.[model]?.[action.id];
         if (value) predicted.push({ ...value, model, y: y + 27 + 10 * index });
       });
-      y += cell.fitted ? rowHeight : rowHeightWithoutModels;
+      y += cell.fitted ? rowHeight : rowHeightWithoutModels + ((name.length - 1) * lineHeight) / 2;
     }
   }
   const bottom = 32;
@@ -113,7 +122,7 @@ function drawPanel(summary, cells, width, palette, marginLeft) {
       Plot.link(observed, { x1: "low", x2: "high", y1: "y", y2: "y", stroke: palette.observed, strokeWidth: 2 }),
       Plot.dot(observed, { x: "share", y: "y", r: 4, fill: palette.observed }),
       ...models.map((model) => interval(predicted.filter((d) => d.model === model), modelStyles[model], palette)).flat(),
-      Plot.text(names, { frameAnchor: "left", y: "y", dx: -8, textAnchor: "end", text: "text", fill: palette.ink }),
+      Plot.text(names, { frameAnchor: "left", y: "y", dx: -nameGap, lineHeight: lineHeight / 14, textAnchor: "end", text: "text", fill: palette.ink }),
       Plot.text(names, { frameAnchor: "right", y: "y", dx: 58, textAnchor: "end", text: (d) => percent(d.share), fill: palette.ink, fontVariant: "tabular-nums" }),
       Plot.text(heads, { frameAnchor: "left", dx: -marginLeft, y: "y", textAnchor: "start", text: "text", fill: palette["ink-soft"], stroke: palette.paper, strokeWidth: 4 }),
     ],

@@ -82,20 +82,23 @@ function drawRungs(rungs, n, width, palette) {
   const [low, high] = [Math.min(...all), Math.max(...all)];
   const pad = (high - low || 0.1) * 0.06;
   const bottom = 46;
+  // Half a tick's label stands out on either side.
+  const side = 28;
+  const ticks = width < 480 ? 3 : 5;
   const height = rows.length * rowHeight + bottom;
-  const words = { frameAnchor: "left", dx: -8, textAnchor: "start", stroke: palette.paper, strokeWidth: 4 };
+  const words = { frameAnchor: "left", dx: -side, textAnchor: "start", stroke: palette.paper, strokeWidth: 4 };
   return Plot.plot({
     width,
     height,
-    marginLeft: 8,
-    marginRight: 16,
+    marginLeft: side,
+    marginRight: side,
     marginTop: 0,
     marginBottom: bottom,
     x: { domain: [low - pad, high + pad] },
     y: { domain: [rows.length * rowHeight, 0], axis: null },
     marks: [
-      Plot.gridX({ stroke: palette.line, strokeOpacity: 1, ticks: 5 }),
-      Plot.axisX({ label: "log score per answer (further right: better predicted)", labelArrow: "none", labelAnchor: "center", labelOffset: 42, ticks: 5, tickSize: 0, tickFormat: tick, color: palette["ink-soft"] }),
+      Plot.gridX({ stroke: palette.line, strokeOpacity: 1, ticks }),
+      Plot.axisX({ label: "further right: better predicted", labelArrow: "none", labelAnchor: "center", labelOffset: 42, ticks, tickSize: 0, tickFormat: tick, color: palette["ink-soft"] }),
       ...steps.flatMap((step) => [
         Plot.link([step], { x1: "from", x2: "from", y1: "y0", y2: "y", stroke: palette["ink-soft"], strokeWidth: 1, strokeDasharray: "2 3" }),
         Plot.link([step], { x1: "from", x2: "to", y1: "y", y2: "y", stroke: step.color, strokeWidth: 3, strokeDasharray: step.dash }),
@@ -105,7 +108,7 @@ function drawRungs(rungs, n, width, palette) {
         Plot.dot([row], { x: "per_answer", y: "y", r: 5, symbol: row.style.symbol, fill: row.style.filled ? palette[row.style.token] : palette.paper, stroke: palette[row.style.token], strokeWidth: 2 }),
       ),
       Plot.text(rows, { ...words, y: (d) => d.y - 22, text: "label", fill: palette.ink }),
-      Plot.text(steps, { y: (d) => d.y - 22, frameAnchor: "right", dx: 14, textAnchor: "end", text: "text", fill: palette["ink-soft"], stroke: palette.paper, strokeWidth: 4 }),
+      Plot.text(steps, { y: (d) => d.y - 22, frameAnchor: "right", dx: side, textAnchor: "end", text: "text", fill: palette["ink-soft"], stroke: palette.paper, strokeWidth: 4 }),
     ],
   });
 }
