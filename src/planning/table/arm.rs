@@ -12,6 +12,10 @@ const LINK: f64 = 0.38;
 ///
 /// With links of equal length L and the gripper at distance d, the elbow stands √(L² − d²/4) over the middle of the line,
 /// at a right angle to it. A gripper farther away than 2 L stretches the arm; the elbow is then the middle of the line.
+/// Straight above or below the shoulder there is no such plane, and the result is NaN; a gripper's [`workspace`] ends
+/// before.
+///
+/// [`workspace`]: super::workspace
 pub fn elbow(gripper: Point) -> Point {
     let way = gripper - SHOULDER;
     let middle = SHOULDER + way * 0.5;
@@ -25,7 +29,7 @@ pub fn elbow(gripper: Point) -> Point {
 
 #[cfg(test)]
 mod tests {
-    use super::super::geometry::CupId;
+    use super::super::geometry::{CupId, workspace};
     use super::*;
 
     #[test]
@@ -42,6 +46,11 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn no_gripper_gets_above_or_below_the_shoulder() {
+        assert!(workspace(SHOULDER).y < SHOULDER.y);
     }
 
     #[test]

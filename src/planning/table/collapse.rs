@@ -5,7 +5,7 @@
 
 use rapier2d::prelude::*;
 
-use super::engine::TICK_MS;
+use super::effector::TICK_MS;
 use super::geometry::{BOTTOM_RADIUS, CUP_HEIGHT, CUPS, MOUTH_RADIUS, Point, Pose, TABLE_END};
 use super::tower::{SlotId, TOWER_Y, Tower};
 
@@ -21,14 +21,25 @@ const REST_STEPS: usize = 20;
 const SUBSTEPS: usize = 4;
 /// Farthest point of a cup from its middle, in metres.
 const EXTENT: f32 = 0.064;
-/// What a cup weighs matters only for the impulses between cups, which are all alike: kg/m² in the plane.
+/// Mass of a cup per area of its outline, in kg/m². Chosen: 27 g a cup. As all cups weigh the same, it cancels out of how
+/// they move.
 const DENSITY: f32 = 4.0;
-/// Plastic on plastic and on a table top.
+/// Coefficient of friction between cups, and of cups on the table. Chosen, not measured: with it cups slide off each other,
+/// and come to rest on the table soon enough for a replay.
 const FRICTION: f32 = 0.35;
-/// Plastic cups bounce a little.
+/// Share of the speed that a bounce keeps. Chosen, not measured: hits are seen as such, and bouncing ends soon.
 const RESTITUTION: f32 = 0.15;
 
 /// The first push that a tower gets: velocities to the right, for one cup and, layer by layer, for those above and below.
+///
+/// ```text
+/// v(n) = speed · (1 + slope · n)    ω(n) = speed · slope / h
+/// slope = above where n > 0, −below else
+/// ```
+///
+/// n: layers above the pushed cup, negative below it; v: velocity of a cup's middle to the right in m/s; ω: its turning in
+/// rad/s, clockwise as the person sees it; h: [`CUP_HEIGHT`]. So each part turns as one body. Other cups in the layer of the
+/// pushed one get no push.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Push {
     /// The slot whose cup is pushed.
@@ -52,12 +63,13 @@ impl Push {
 
     /// Velocity in m/s and turning, clockwise, in rad/s of a cup this many layers above the pushed one.
     fn given_to(self, layers: f64) -> (f64, f64) {
-        let (share, slope) = if layers > 0.0 {
-            (1.0 + self.above * layers, self.above)
+        let slope = if layers > 0.0 {
+            self.above
         } else {
-            (1.0 - self.below * layers, -self.below)
+            -self.below
         };
-        (self.speed * share, self.speed * slope / CUP_HEIGHT)
+        let velocity = self.speed * (1.0 + slope * layers);
+        (velocity, self.speed * slope / CUP_HEIGHT)
     }
 }
 
@@ -129,10 +141,11 @@ pub fn collapse(tower: Tower, push: Push) -> Option<Collapse> {
     has_fallen.then_some(Collapse { steps, standing })
 }
 
-/// A cup with this pose still stands in its slot: where it stood, and upright.
-pub fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
+/// A cup with this pose fills the slot: it stands there, the right way up, however often it has turned over.
+fn is_in_slot(tower: Tower, slot: SlotId, pose: Pose) -> bool {
     let meant = tower.pose(slot);
-    pose.position.distance(meant.position) < STILL_THERE && (pose.tilt - meant.tilt).abs() < 10.0
+    let turned = (pose.tilt - meant.tilt).rem_euclid(360.0);
+    pose.position.distance(meant.position) < STILL_THERE && turned.min(360.0 - turned) < 10.0
 }
 
 /// The table top between two walls that nobody sees, at cup scale: contacts are as exact as a tenth of a millimetre.

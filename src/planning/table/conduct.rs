@@ -1,6 +1,7 @@
 //! The simulated person and arm: they carry out their duties tick by tick, as clients of the engine.
 
-use super::engine::{By, Drive, Grip, Refusal, TICK_MS, Table};
+use super::effector::{By, Drive, Grip, TICK_MS};
+use super::engine::{Refusal, Table};
 use super::geometry::Point;
 use super::motion::Motion;
 use super::plan::{Duties, Task};
@@ -79,10 +80,7 @@ impl Conductor {
             Task::AwaitTurn {
                 at, placed, then, ..
             } => {
-                let other = table.effector(match self.by {
-                    By::Hand => By::Gripper,
-                    By::Gripper => By::Hand,
-                });
+                let other = table.effector(self.by.other());
                 own.position().distance(at) < GATE
                     && table.placed() >= placed
                     && (placed == 0 || other.position().distance(then) > TOWER_FREE)

@@ -1,178 +1,34 @@
 //! The authoritative state of the table, in fixed time steps.
 
 use super::collapse::Collapse;
-use super::geometry::{CUPS, CupId, Point, Pose, workspace};
+use super::effector::{By, CLOSED, Drive, Effector, Grip, OPEN, TICK, TICK_MS};
+use super::geometry::{CUPS, CupId, Pose};
 use super::measures::Measures;
-use super::motion::{GRIPPER, HAND, Limits, Motion, Mover, Turner};
+use super::motion::{GRIPPER, HAND, Turner};
 use super::tower::{SlotId, Tower};
 
-/// Length of a time step in milliseconds.
-pub const TICK_MS: u32 = 5;
-/// The same in seconds.
-const TICK: f64 = 0.005;
 /// Hand and gripper that are closer than this, in metres, are in each other's way.
 pub const INTERFERENCE_DISTANCE: f64 = 0.12;
-/// The opening of resting fingers, in metres.
-const OPEN: f64 = 0.11;
-/// The opening of fingers around the middle of a cup, in metres.
-const CLOSED: f64 = 0.07;
+/// A reach for another cup is noted no sooner than this after the one before, in milliseconds: whoever changes their mind at
+/// every tick adds five events a second, so that a trial's events are bounded by how long it lasts.
+const REACH_MS: u32 = 200;
 /// A cup is grasped or let go only where it is meant to be, within this in metres.
 const PLACE_TOLERANCE: f64 = 5e-4;
 /// Likewise its tilt, in degrees.
 const TILT_TOLERANCE: f64 = 0.5;
-
-/// Who moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum By {
-    /// The person's hand.
-    Hand,
-    /// The arm's gripper.
-    Gripper,
-}
-
-impl By {
-    fn other(self) -> Self {
-        match self {
-            Self::Hand => Self::Gripper,
-            Self::Gripper => Self::Hand,
-        }
-    }
-
-    /// Where it rests before and after the work.
-    pub fn rest(self) -> Point {
-        match self {
-            Self::Hand => Point::new(0.10, -0.07, 0.06),
-            Self::Gripper => Point::new(0.28, 0.47, 0.20),
-        }
-    }
-}
-
-/// What fingers do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Grip {
-    /// Open and empty.
-    Empty,
-    /// Closing around a cup.
-    Closing(CupId),
-    /// Around a cup, which moves along.
-    Holding(CupId),
-    /// Opening around the cup that was just put into a slot.
-    Opening(CupId, SlotId),
-}
-
-/// The hand or the gripper.
-#[derive(Debug, Clone)]
-pub struct Effector {
-    mover: Mover,
-    turner: Turner,
-    opening: f64,
-    grip: Grip,
-    towards: Option<CupId>,
-    limits: Limits,
-}
-
-impl Effector {
-    fn new(by: By, limits: Limits) -> Self {
-        Self {
-            mover: Mover {
-                position: by.rest(),
-                velocity: Point::new(0.0, 0.0, 0.0),
-            },
-            turner: Turner {
-                tilt: 0.0,
-                rate: 0.0,
-            },
-            opening: OPEN,
-            grip: Grip::Empty,
-            towards: None,
-            limits,
-        }
-    }
-
-    /// Where it grips: the middle of the cup that it carries.
-    pub fn position(&self) -> Point {
-        self.mover.position
-    }
-
-    /// Its velocity in m/s.
-    pub fn velocity(&self) -> Point {
-        self.mover.velocity
-    }
-
-    /// The distance between its fingers in metres.
-    pub fn opening(&self) -> f64 {
-        self.opening
-    }
-
-    /// What its fingers do.
-    pub fn grip(&self) -> Grip {
-        self.grip
-    }
-
-    /// The tilt of the cup that it carries, in degrees.
-    pub fn tilt(&self) -> f64 {
-        self.turner.tilt
-    }
-
-    /// It rests at `target`, its cup turned to `tilt`.
-    pub fn rests_at(&self, target: Point, tilt: f64) -> bool {
-        self.mover.rests_at(target) && (self.turner.tilt - tilt).abs() < 0.01
-    }
-
-    /// Moves for one tick and returns the length of the way.
-    fn advance(&mut self, drive: &Drive) -> f64 {
-        let before = self.mover.position;
-        let motion = match (self.grip, drive.motion) {
-            (Grip::Closing(_) | Grip::Opening(..), _) | (_, Motion::Stay) => Motion::Stay,
-            (Grip::Empty | Grip::Holding(_), Motion::To(target)) => Motion::To(workspace(target)),
-            (Grip::Empty | Grip::Holding(_), Motion::Through(target)) => {
-                Motion::Through(workspace(target))
-            }
-        };
-        self.mover.advance(motion, drive.pace, &self.limits, TICK);
-        if let Grip::Holding(_) = self.grip {
-            self.turner.advance(drive.tilt, &self.limits, TICK);
-        }
-        self.towards = drive.towards;
-        self.mover.position.distance(before)
-    }
-}
-
-/// What is asked of the hand or the gripper for one tick. It is followed as far as the limits allow.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drive {
-    /// Where to move.
-    pub motion: Motion,
-    /// The wanted share of the largest speed, 0 to 1.
-    pub pace: f64,
-    /// The wanted tilt of a carried cup, in degrees.
-    pub tilt: f64,
-    /// The cup that the move is meant to reach, if any.
-    pub towards: Option<CupId>,
-}
-
-impl Drive {
-    /// To slow down and stay.
-    pub const STAY: Self = Self {
-        motion: Motion::Stay,
-        pace: 1.0,
-        tilt: 0.0,
-        towards: None,
-    };
-}
 
 /// Where a cup is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Place {
     Start,
     Held(By),
-    Slot(SlotId),
+    Slot(Tower, SlotId),
 }
 
 /// Something that happened.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
-    /// Hand or gripper set out for a cup.
+    /// Hand or gripper set out for a cup, or, on the way, for another one.
     ReachesFor {
         /// Which of them.
         by: By,
@@ -194,6 +50,13 @@ pub enum Event {
         cup: CupId,
         /// Where it stands.
         slot: SlotId,
+    },
+    /// A cup stands at its start again and was let go.
+    PutBack {
+        /// By whom.
+        by: By,
+        /// The cup.
+        cup: CupId,
     },
     /// The tower is complete and will not fall.
     TowerStands,
@@ -221,8 +84,11 @@ pub enum Refusal {
     /// It carries nothing.
     #[error("{0:?} cannot let go: it holds no cup")]
     NothingHeld(By),
-    /// The cup is carried, or stands in the tower.
-    #[error("cup {} cannot be taken: it does not stand at its start", .0.index())]
+    /// It has to come to rest before.
+    #[error("{0:?} can neither grasp nor let go: it moves")]
+    Moving(By),
+    /// The cup is between somebody's fingers, or stands in the tower.
+    #[error("cup {} cannot be taken: it does not stand free at its start", .0.index())]
     Taken(CupId),
     /// Too far from the place where the command could be carried out.
     #[error(
@@ -272,9 +138,9 @@ enum Fate {
 /// The cup table: hand, gripper, five cups and a tower. The only authority on where they are.
 ///
 /// ```
-/// use riskaware::planning::table::{By, CupId, Drive, Motion, Table, Tower};
+/// use riskaware::planning::table::{By, CupId, Drive, Motion, Table};
 ///
-/// let mut table = Table::new(Tower::Stable);
+/// let mut table = Table::default();
 /// let cup = CupId::ORANGE;
 /// let reach = Drive { motion: Motion::To(cup.start().position), towards: Some(cup), ..Drive::STAY };
 /// assert!(table.grasp(By::Hand, cup).is_err(), "the hand is not there yet");
@@ -284,37 +150,42 @@ enum Fate {
 /// table.grasp(By::Hand, cup)?;
 /// # Ok::<(), riskaware::planning::table::Refusal>(())
 /// ```
+///
+/// Which tower is built is open until its first cup is let go: [`Tower::begun_with`].
 #[derive(Debug, Clone)]
 pub struct Table {
-    tower: Tower,
     ticks: u32,
     hand: Effector,
     gripper: Effector,
     cups: [Place; CUPS],
+    placed: usize,
     fate: Fate,
     interferes: bool,
     events: Vec<TimedEvent>,
     measures: Measures,
 }
 
-impl Table {
-    /// A table with all cups at their starts, on which `tower` is to be built.
-    pub fn new(tower: Tower) -> Self {
+impl Default for Table {
+    /// All cups at their starts, hand and gripper at rest.
+    fn default() -> Self {
         Self {
-            tower,
             ticks: 0,
             hand: Effector::new(By::Hand, HAND),
             gripper: Effector::new(By::Gripper, GRIPPER),
             cups: [Place::Start; CUPS],
+            placed: 0,
             fate: Fate::Open,
             interferes: false,
             events: Vec::new(),
             measures: Measures::default(),
         }
     }
+}
 
+impl Table {
     /// Lets one tick pass.
     pub fn advance(&mut self, hand: Drive, gripper: Drive) {
+        let [hand, gripper] = [hand, gripper].map(Drive::or_stay);
         self.note_reach(By::Hand, hand.towards);
         self.note_reach(By::Gripper, gripper.towards);
         self.ticks += 1;
@@ -332,54 +203,36 @@ impl Table {
         if effector.grip != Grip::Empty {
             return Err(Refusal::NotEmpty(by));
         }
-        if self.cups[cup.index()] != Place::Start {
+        let others = self.effector(by.other()).grip.cup();
+        if self.cups[cup.index()] != Place::Start || others == Some(cup) {
             return Err(Refusal::Taken(cup));
         }
-        if self.effector(by.other()).grip == Grip::Closing(cup) {
-            return Err(Refusal::Taken(cup));
-        }
-        let metres = effector.position().distance(cup.start().position);
-        if metres > PLACE_TOLERANCE {
-            return Err(Refusal::NotInPlace {
-                by,
-                metres,
-                degrees: 0.0,
-            });
-        }
+        self.in_place(by, cup.start())?;
         self.effector_mut(by).grip = Grip::Closing(cup);
         Ok(())
     }
 
     /// Puts the held cup into a slot and begins to open the fingers. They stand still until they are open.
     pub fn release(&mut self, by: By, slot: SlotId) -> Result<(), Refusal> {
-        let effector = self.effector(by);
-        let Grip::Holding(cup) = effector.grip else {
-            return Err(Refusal::NothingHeld(by));
-        };
+        let cup = self.held(by)?;
+        let tower = self.tower().unwrap_or(Tower::begun_with(cup));
         if self.in_slot(slot).is_some() {
             return Err(Refusal::Filled(slot));
         }
-        let supports = self.tower.supports(slot);
+        let supports = tower.supports(slot);
         if let Some(&missing) = supports.iter().find(|slot| self.in_slot(**slot).is_none()) {
             return Err(Refusal::Unsupported { slot, missing });
         }
-        let pose = self.tower.pose(slot);
-        let metres = effector.position().distance(pose.position);
-        let degrees = (effector.tilt() - pose.tilt).abs();
-        if metres > PLACE_TOLERANCE || degrees > TILT_TOLERANCE {
-            return Err(Refusal::NotInPlace {
-                by,
-                metres,
-                degrees,
-            });
-        }
-        self.cups[cup.index()] = Place::Slot(slot);
-        let effector = self.effector_mut(by);
-        effector.grip = Grip::Opening(cup, slot);
-        effector.turner = Turner {
-            tilt: 0.0,
-            rate: 0.0,
-        };
+        self.in_place(by, tower.pose(slot))?;
+        self.put_down(by, cup, Place::Slot(tower, slot));
+        Ok(())
+    }
+
+    /// Puts the held cup back to where it stood at the start, as [`Self::release`] puts one into a slot.
+    pub fn put_back(&mut self, by: By) -> Result<(), Refusal> {
+        let cup = self.held(by)?;
+        self.in_place(by, cup.start())?;
+        self.put_down(by, cup, Place::Start);
         Ok(())
     }
 
@@ -419,7 +272,7 @@ impl Table {
                 position: self.effector(by).position(),
                 tilt: self.effector(by).tilt(),
             },
-            Place::Slot(slot) => self.tower.pose(slot),
+            Place::Slot(tower, slot) => tower.pose(slot),
         });
         if let Fate::Falls(fall) = &self.fate {
             for (cup, pose) in fall.cups.into_iter().zip(fall.collapse.poses(fall.step)) {
@@ -429,10 +282,17 @@ impl Table {
         poses
     }
 
+    /// The tower that was begun.
+    pub fn tower(&self) -> Option<Tower> {
+        self.cups.iter().find_map(|place| match place {
+            Place::Start | Place::Held(_) => None,
+            Place::Slot(tower, _) => Some(*tower),
+        })
+    }
+
     /// How many cups stand in the tower, let go.
     pub fn placed(&self) -> usize {
-        let placed = |event: &&TimedEvent| matches!(event.event, Event::Placed { .. });
-        self.events.iter().filter(placed).count()
+        self.placed
     }
 
     /// Milliseconds since the start.
@@ -460,7 +320,7 @@ impl Table {
         }
         let mut cups = CupId::ALL;
         cups.sort_by_key(|cup| match self.cups[cup.index()] {
-            Place::Slot(slot) => slot.index(),
+            Place::Slot(_, slot) => slot.index(),
             Place::Start | Place::Held(_) => CUPS,
         });
         Ok(cups)
@@ -469,7 +329,39 @@ impl Table {
     fn in_slot(&self, slot: SlotId) -> Option<CupId> {
         CupId::ALL
             .into_iter()
-            .find(|cup| self.cups[cup.index()] == Place::Slot(slot))
+            .find(|cup| matches!(self.cups[cup.index()], Place::Slot(_, filled) if filled == slot))
+    }
+
+    fn held(&self, by: By) -> Result<CupId, Refusal> {
+        match self.effector(by).grip {
+            Grip::Holding(cup) => Ok(cup),
+            Grip::Empty | Grip::Closing(_) | Grip::Opening(_) => Err(Refusal::NothingHeld(by)),
+        }
+    }
+
+    /// It rests where a cup between its fingers stands like this.
+    fn in_place(&self, by: By, pose: Pose) -> Result<(), Refusal> {
+        let effector = self.effector(by);
+        if !effector.is_at_rest() {
+            return Err(Refusal::Moving(by));
+        }
+        let metres = effector.position().distance(pose.position);
+        let degrees = (effector.tilt() - pose.tilt).abs();
+        if metres > PLACE_TOLERANCE || degrees > TILT_TOLERANCE {
+            return Err(Refusal::NotInPlace {
+                by,
+                metres,
+                degrees,
+            });
+        }
+        Ok(())
+    }
+
+    fn put_down(&mut self, by: By, cup: CupId, place: Place) {
+        self.cups[cup.index()] = place;
+        let effector = self.effector_mut(by);
+        effector.grip = Grip::Opening(cup);
+        effector.turner = Turner::default();
     }
 
     fn effector_mut(&mut self, by: By) -> &mut Effector {
@@ -487,11 +379,20 @@ impl Table {
     }
 
     fn note_reach(&mut self, by: By, towards: Option<CupId>) {
-        if let Some(cup) = towards
-            && self.effector(by).towards != towards
+        let now = self.time_ms();
+        let effector = self.effector_mut(by);
+        effector.towards = towards.filter(|_| effector.grip == Grip::Empty);
+        let Some(cup) = effector.towards else {
+            return;
+        };
+        if let Some((last, at_ms)) = effector.noted
+            && (cup == last || now < at_ms + REACH_MS)
         {
-            self.note(Event::ReachesFor { by, cup });
+            return;
         }
+        let former = effector.noted.replace((cup, now));
+        self.measures.replans += u32::from(former.is_some() && by == By::Gripper);
+        self.note(Event::ReachesFor { by, cup });
     }
 
     fn move_fingers(&mut self, by: By) {
@@ -502,21 +403,32 @@ impl Table {
             Grip::Closing(cup) => {
                 effector.opening = (effector.opening - way).max(CLOSED);
                 if effector.opening == CLOSED {
+                    effector.noted = None;
                     effector.grip = Grip::Holding(cup);
                     self.cups[cup.index()] = Place::Held(by);
                     self.note(Event::Grasps { by, cup });
                 }
             }
-            Grip::Opening(cup, slot) => {
+            Grip::Opening(cup) => {
                 effector.opening = (effector.opening + way).min(OPEN);
                 if effector.opening == OPEN {
                     effector.grip = Grip::Empty;
-                    self.note(Event::Placed { by, cup, slot });
-                    if self.placed() == CUPS {
-                        self.measures.completion_seconds = Some(f64::from(self.time_ms()) / 1000.0);
-                    }
+                    self.note_put_down(by, cup);
                 }
             }
+        }
+    }
+
+    fn note_put_down(&mut self, by: By, cup: CupId) {
+        let Place::Slot(_, slot) = self.cups[cup.index()] else {
+            self.measures.replans += u32::from(by == By::Gripper);
+            self.note(Event::PutBack { by, cup });
+            return;
+        };
+        self.placed += 1;
+        self.note(Event::Placed { by, cup, slot });
+        if self.placed == CUPS {
+            self.measures.completion_seconds = Some(f64::from(self.time_ms()) / 1000.0);
         }
     }
 

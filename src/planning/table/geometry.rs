@@ -32,6 +32,11 @@ impl Point {
         Self { x, y, z }
     }
 
+    /// Its coordinates in whole millimetres.
+    pub fn millimetres(self) -> [i32; 3] {
+        [self.x, self.y, self.z].map(millimetres)
+    }
+
     /// Distance from the origin in metres.
     pub fn length(self) -> f64 {
         (self.x * self.x + self.y * self.y + self.z * self.z).sqrt()
@@ -41,6 +46,11 @@ impl Point {
     pub fn distance(self, other: Self) -> f64 {
         (self - other).length()
     }
+}
+
+/// Metres as whole millimetres.
+pub(super) fn millimetres(metres: f64) -> i32 {
+    (metres * 1000.0).round() as i32
 }
 
 impl Add for Point {

@@ -1,6 +1,7 @@
 //! What a trial at the table is measured by.
 
-/// Measures of one trial, as in the paper's section on collaborative cup stacking (planned there for trials in a lab).
+/// Measures of one trial. The paper compares robots in its lab study by completion time and by the gripper's path
+/// (section "Collaborative cup stacking"); the others are ours.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measures {
     /// Time from the start until the last cup stood, in seconds. None while the tower is not complete.
@@ -12,4 +13,7 @@ pub struct Measures {
     /// How many times hand and gripper came into each other's way: were on the way to the same cup, or closer than
     /// [`INTERFERENCE_DISTANCE`](super::INTERFERENCE_DISTANCE). What lasts counts once.
     pub interferences: u32,
+    /// How many times the gripper turned back: put a cup back to its start, or set out for another cup than the one that it
+    /// was reaching for.
+    pub replans: u32,
 }

@@ -16,6 +16,7 @@ pub mod collapse;
 
 mod arm;
 mod conduct;
+mod effector;
 mod engine;
 mod geometry;
 mod measures;
@@ -25,14 +26,19 @@ mod projection;
 #[cfg(test)]
 mod properties;
 mod replay;
+#[cfg(test)]
+mod replay_properties;
+#[cfg(test)]
+mod stimuli;
 mod timeline;
 mod tower;
 mod tracks;
+#[cfg(test)]
+mod trial;
 
 pub use arm::{SHOULDER, elbow};
-pub use engine::{
-    By, Drive, Effector, Event, Grip, INTERFERENCE_DISTANCE, Refusal, TICK_MS, Table, TimedEvent,
-};
+pub use effector::{By, Drive, Effector, Grip, TICK_MS};
+pub use engine::{Event, INTERFERENCE_DISTANCE, Refusal, Table, TimedEvent};
 pub use geometry::{
     BOTTOM_RADIUS, CUP_HEIGHT, CUPS, CupId, MOUTH_RADIUS, Point, Pose, TABLE_END, workspace,
 };

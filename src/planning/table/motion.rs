@@ -1,6 +1,6 @@
 //! Bounded motion: where a point that wants to be elsewhere gets in one time step.
 
-use super::geometry::Point;
+use super::geometry::{Point, workspace};
 
 /// The largest speeds and accelerations of one who moves.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,7 +17,7 @@ pub struct Limits {
     pub finger_speed: f64,
 }
 
-/// A person's hand, faster than the arm. People reach across a table at 1 to 1.5 m/s when nothing is at stake.
+/// A person's hand. Chosen, not measured: faster than the arm, and slow enough to be followed by eye.
 pub const HAND: Limits = Limits {
     speed: 1.4,
     acceleration: 11.0,
@@ -26,7 +26,7 @@ pub const HAND: Limits = Limits {
     finger_speed: 0.5,
 };
 
-/// The gripper of a light table-top arm.
+/// The gripper of a light table-top arm. Chosen likewise.
 pub const GRIPPER: Limits = Limits {
     speed: 1.1,
     acceleration: 7.0,
@@ -38,6 +38,9 @@ pub const GRIPPER: Limits = Limits {
 /// Share of the acceleration that braking uses; the rest takes out sideways motion on the way.
 const BRAKING: f64 = 0.8;
 
+/// Beyond the workspace by less than this, in metres, is not beyond it.
+const ROUNDING: f64 = 1e-9;
+
 /// Where to move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Motion {
@@ -47,6 +50,25 @@ pub enum Motion {
     To(Point),
     /// Towards a point without slowing down for it.
     Through(Point),
+}
+
+impl Motion {
+    /// Where it leads, if anywhere.
+    pub(super) fn target(self) -> Option<Point> {
+        match self {
+            Self::Stay => None,
+            Self::To(target) | Self::Through(target) => Some(target),
+        }
+    }
+
+    /// The same to a point of the [`workspace`].
+    pub(super) fn within_workspace(self) -> Self {
+        match self {
+            Self::Stay => Self::Stay,
+            Self::To(target) => Self::To(workspace(target)),
+            Self::Through(target) => Self::Through(workspace(target)),
+        }
+    }
 }
 
 /// A moving point.
@@ -64,18 +86,48 @@ impl Mover {
     /// From rest to a point straight ahead the speed is a trapezoid: it rises by `acceleration · step` each step, stays at
     /// `pace · speed`, and falls by 0.8 `acceleration · step` each step until the point is reached exactly.
     /// A wish that changes on the way bends the path; neither speed nor acceleration exceeds its limit.
+    /// A step after which it could no longer stop within the [`workspace`] is not taken; it brakes instead.
     pub fn advance(&mut self, motion: Motion, pace: f64, limits: &Limits, step: f64) {
-        let wanted =
-            self.wanted_velocity(motion, pace.clamp(0.0, 1.0) * limits.speed, limits, step);
-        let change = wanted - self.velocity;
+        let fastest = pace.clamp(0.0, 1.0) * limits.speed;
+        let wanted = self.wanted_velocity(motion, fastest, limits, step);
         let largest = limits.acceleration * step;
-        let size = change.length();
-        if size <= largest {
-            self.velocity = wanted;
+        let next = self.changed(wanted, largest, step);
+        let stop = next.stop(largest, step);
+        *self = if stop.distance(workspace(stop)) < ROUNDING {
+            next
         } else {
-            self.velocity = self.velocity + change * (largest / size);
+            self.changed(Point::new(0.0, 0.0, 0.0), largest, step)
+        };
+        self.position = workspace(self.position);
+    }
+
+    /// One step later, its velocity changed towards `wanted` by at most `largest`.
+    fn changed(&self, wanted: Point, largest: f64, step: f64) -> Self {
+        let change = wanted - self.velocity;
+        let size = change.length();
+        let velocity = if size <= largest {
+            wanted
+        } else {
+            self.velocity + change * (largest / size)
+        };
+        Self {
+            position: self.position + velocity * step,
+            velocity,
         }
-        self.position = self.position + self.velocity * step;
+    }
+
+    /// Where it comes to rest if each step from now on takes `largest` from its speed.
+    ///
+    /// From speed v it moves on with v − u, v − 2u, … for the n = ⌊v/u⌋ steps in which that is positive, u being `largest`:
+    /// together n·v − u·n(n + 1)/2 steps.
+    fn stop(&self, largest: f64, step: f64) -> Point {
+        let speed = self.velocity.length();
+        if speed < largest {
+            return self.position;
+        }
+        let steps = (speed / largest).floor();
+        let way = steps * (speed - largest * (steps + 1.0) / 2.0) * step;
+        self.position + self.velocity * (way / speed)
     }
 
     fn wanted_velocity(&self, motion: Motion, fastest: f64, limits: &Limits, step: f64) -> Point {
@@ -97,14 +149,14 @@ impl Mover {
         way * (speed / distance)
     }
 
-    /// It rests at `target`, within a hundredth of a millimetre.
-    pub fn rests_at(&self, target: Point) -> bool {
-        self.position.distance(target) < 1e-5 && self.velocity.length() < 1e-3
+    /// It does not move: what is left of its speed would be a millimetre in a second.
+    pub fn is_at_rest(&self) -> bool {
+        self.velocity.length() < 1e-3
     }
 }
 
 /// The turning of a carried cup.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Turner {
     /// The angle in degrees.
     pub tilt: f64,
@@ -121,6 +173,11 @@ impl Turner {
         let largest = limits.turn_acceleration * step;
         self.rate += change.clamp(-largest, largest);
         self.tilt += self.rate * step;
+    }
+
+    /// It does not turn.
+    pub fn is_at_rest(&self) -> bool {
+        self.rate.abs() < 0.1
     }
 }
 

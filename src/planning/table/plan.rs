@@ -2,7 +2,7 @@
 
 use rand::{Rng, RngExt, seq::SliceRandom};
 
-use super::engine::By;
+use super::effector::By;
 use super::geometry::{CUP_HEIGHT, CUPS, CupId, Point};
 use super::motion::Motion;
 use super::tower::{SlotId, TOWER_Y, Tower};

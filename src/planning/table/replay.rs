@@ -6,7 +6,8 @@ use serde::{Deserialize, Serialize};
 
 use super::collapse::{Collapse, Push, collapse};
 use super::conduct::Conductor;
-use super::engine::{By, Refusal, TICK_MS, Table};
+use super::effector::{By, TICK_MS};
+use super::engine::{Refusal, Table};
 use super::geometry::{CUPS, Point};
 use super::plan;
 use super::timeline::{FRAME_MS, Frame, Timeline, TowerState};
@@ -139,7 +140,7 @@ struct Show {
 
 impl Show {
     fn new(tower: Tower, rng: &mut impl Rng) -> Self {
-        let table = Table::new(tower);
+        let table = Table::default();
         let [hand, gripper] = plan::draw(tower, rng).map(Conductor::new);
         let frames = vec![Frame::of(&table)];
         Self {
@@ -198,4 +199,19 @@ fn drawn_collapse(tower: Tower, rng: &mut impl Rng) -> Option<Collapse> {
     };
     let pushes = STRENGTHS.iter().map(|strength| push.times(*strength));
     pushes.into_iter().find_map(|push| collapse(tower, push))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn study_files_and_addresses_use_the_same_names() {
+        for tower in [Tower::Stable, Tower::Unstable] {
+            assert_eq!(serde_json::to_value(tower).unwrap(), tower.as_str());
+        }
+        for outcome in [Outcome::Stands, Outcome::Falls] {
+            assert_eq!(serde_json::to_value(outcome).unwrap(), outcome.as_str());
+        }
+    }
 }

@@ -1,7 +1,8 @@
 //! What a replay shows: frames at a fixed distance, events, and how it ended.
 
 use super::arm::elbow;
-use super::engine::{By, Table, TimedEvent};
+use super::effector::By;
+use super::engine::{Table, TimedEvent};
 use super::geometry::{CUPS, Point, Pose};
 use super::measures::Measures;
 use super::replay::Replay;

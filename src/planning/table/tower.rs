@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::geometry::{CUP_HEIGHT, CUPS, Point, Pose};
+use super::geometry::{CUP_HEIGHT, CUPS, CupId, Point, Pose};
 
 /// Towers stand in the vertical plane at this y, in metres.
 pub const TOWER_Y: f64 = 0.35;
@@ -37,6 +37,15 @@ impl SlotId {
 }
 
 impl Tower {
+    /// The tower that begins with this cup: the orange one begins the stable tower, any other one the unstable tower.
+    pub fn begun_with(cup: CupId) -> Self {
+        if cup == CupId::ORANGE {
+            Self::Stable
+        } else {
+            Self::Unstable
+        }
+    }
+
     /// The name used in study files and addresses.
     pub fn as_str(self) -> &'static str {
         match self {

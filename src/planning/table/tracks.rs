@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::geometry::{CUPS, Point, Pose};
+use super::geometry::{CUPS, Point, Pose, millimetres};
 use super::timeline::Timeline;
 
 /// Where a point was, frame by frame, in millimetres.
@@ -56,7 +56,7 @@ impl Timeline {
         for frame in &self.frames {
             tracks.hand.push(frame.hand);
             tracks.gripper.place.push(frame.gripper);
-            tracks.gripper.opening.push(thousandths(frame.opening));
+            tracks.gripper.opening.push(millimetres(frame.opening));
             tracks.elbow.push(frame.elbow);
             for (track, pose) in tracks.cups.iter_mut().zip(frame.cups) {
                 track.push(pose);
@@ -68,9 +68,10 @@ impl Timeline {
 
 impl PointTrack {
     fn push(&mut self, point: Point) {
-        self.x.push(thousandths(point.x));
-        self.y.push(thousandths(point.y));
-        self.z.push(thousandths(point.z));
+        let [x, y, z] = point.millimetres();
+        self.x.push(x);
+        self.y.push(y);
+        self.z.push(z);
     }
 }
 
@@ -79,9 +80,4 @@ impl CupTrack {
         self.place.push(pose.position);
         self.tilt.push((pose.tilt * 10.0).round() as i32);
     }
-}
-
-/// Metres as whole millimetres.
-pub(super) fn thousandths(metres: f64) -> i32 {
-    (metres * 1000.0).round() as i32
 }

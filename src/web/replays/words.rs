@@ -29,7 +29,10 @@ pub(super) fn captions(timeline: &Timeline) -> Vec<Caption> {
             Event::ReachesFor { by: By::Hand, cup } if placed == 0 => {
                 format!("The person reaches for {}.", cup_in_words(cup))
             }
-            Event::ReachesFor { .. } | Event::Grasps { .. } | Event::AtRest => continue,
+            Event::ReachesFor { .. }
+            | Event::Grasps { .. }
+            | Event::PutBack { .. }
+            | Event::AtRest => continue,
             Event::Placed { by, cup, .. } => {
                 placed += 1;
                 format!(
@@ -63,7 +66,7 @@ pub(super) fn stills(timeline: &Timeline) -> Vec<u32> {
                 (happened.at_ms + FALLING_MS).min(end),
                 (happened.at_ms + 2 * FALLING_MS).min(end),
             ]),
-            Event::ReachesFor { .. } | Event::AtRest => {}
+            Event::ReachesFor { .. } | Event::PutBack { .. } | Event::AtRest => {}
         }
     }
     moments.push(end);
@@ -84,6 +87,7 @@ pub(super) fn description(timeline: &Timeline) -> String {
             Event::Placed { by, cup, .. } => Some((by, cup)),
             Event::ReachesFor { .. }
             | Event::Grasps { .. }
+            | Event::PutBack { .. }
             | Event::TowerStands
             | Event::TowerFalls
             | Event::AtRest => None,
