@@ -8,8 +8,8 @@ use crate::model::{ChoiceModel, MODELS, RiskAwareOptions, model_named};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
 use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting};
 use crate::study::{
-    ActionLabel, Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId, PlanPart,
-    PriorChange, Priors, Weighting,
+    ActionLabel, Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId,
+    PlanPart, PriorChange, Priors, Weighting,
 };
 
 /// The id of the only part of a plan that splits by nothing.
@@ -318,7 +318,11 @@ fn published_choices(
     let names = || actions.iter().map(|action| action.id.as_str());
     for id in raw.keys() {
         if !names().any(|name| name == id) {
-            let found = format!("unknown action {}{}", rules::shown(id), did_you_mean(id, names()));
+            let found = format!(
+                "unknown action {}{}",
+                rules::shown(id),
+                did_you_mean(id, names())
+            );
             return Err(at.key(id).fault(found, format!("one of {}", list(names()))));
         }
     }

@@ -155,7 +155,7 @@ impl Played {
             frame_ms: FRAME_MS,
             projection: PROJECTION,
             arm: Arm {
-                shoulder: [SHOULDER.x, SHOULDER.y, SHOULDER.z].map(millimetres),
+                shoulder: SHOULDER.millimetres(),
             },
             cup: Cup {
                 height: millimetres(CUP_HEIGHT),

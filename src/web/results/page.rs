@@ -135,7 +135,12 @@ impl ResultsPage {
             people: counted_people(people),
             answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
-            published: snapshot.study.paper().iter().filter_map(published).collect(),
+            published: snapshot
+                .study
+                .paper()
+                .iter()
+                .filter_map(published)
+                .collect(),
             exclusions: tables::exclusions(&summary),
             figures: figures(&summary, &accuracy, &curves, curve_plan.as_str()),
             ladder: ladder(&summary, &reading),
