@@ -1,7 +1,8 @@
 //! CPU time of warm refits of P1 to P4: `cargo bench --bench refits`.
 //!
 //! Medians over refits, each from the one before with 0, 1 or 2 answers more than the first fit had. "to convergence" ends where
-//! [`refit`] announces [`Progress::Climbing`]: the draws may be used, R̂ and both effective sample sizes are known.
+//! [`refit`] announces [`Progress::Climbing`]: R̂ and both effective sample sizes of all that was sampled are known and
+//! suffice. Draws straight from the prior, independent by construction, are measured after that.
 
 use std::ops::ControlFlow;
 

@@ -244,7 +244,8 @@ fn fit_from(
         None if is_fixed => None,
         None => Some(sampling.cold(watch)?),
     };
-    // Whether the draws may be used is known from here on; the rest is read off them.
+    // From here on it is known whether what was sampled may be used. Draws straight from the prior are independent by
+    // construction; they are measured with the rest.
     if watch(Progress::Climbing).is_break() {
         return Err(FitError::Stopped);
     }

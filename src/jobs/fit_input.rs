@@ -135,15 +135,29 @@ impl FitInput {
     }
 
     fn hash_of(&self, study: &StudyId) -> String {
-        self.hash_with(study, PROGRAM_VERSION, self.data.totals())
+        self.hash_with(study, PROGRAM_VERSION, self.data.totals(), &self.settings)
     }
 
-    /// The hash of all but the answers and the program: what the study asks, and how it is judged.
+    /// The hash of what the study asks, and of the priors and options under which it is judged: neither the answers, nor
+    /// the program, nor how long its chains are.
     pub(super) fn design_hash(&self, study: &StudyId) -> String {
-        self.hash_with(study, "", &[])
+        let judged_by = FitSettings {
+            chains: 0,
+            draws: 0,
+            samples: 0,
+            seed: 0,
+            ..self.settings.clone()
+        };
+        self.hash_with(study, "", &[], &judged_by)
     }
 
-    fn hash_with(&self, study: &StudyId, program: &str, counts: &[Vec<u64>]) -> String {
+    fn hash_with(
+        &self,
+        study: &StudyId,
+        program: &str,
+        counts: &[Vec<u64>],
+        settings: &FitSettings,
+    ) -> String {
         let canonical = Canonical {
             program,
             study,
@@ -152,7 +166,7 @@ impl FitInput {
             model: self.model.id,
             problems: self.problems(),
             counts,
-            settings: &self.settings,
+            settings,
         };
         let text = serde_json::to_vec(&canonical)
             .expect("plain data with text keys always turns into JSON");

@@ -63,7 +63,6 @@ pub async fn run(
         failures: Failures::default(),
         quiet: Quiet::default(),
         waits: Waits::default(),
-        turns: HashMap::new(),
     };
     while !stop.is_cancelled() {
         if let Err(error) = refits.look().await {
@@ -95,14 +94,14 @@ struct Refits {
     failures: Failures,
     quiet: Quiet,
     waits: Waits,
-    /// When each study had its last turn, counted in rounds.
-    turns: HashMap<StudyId, u64>,
 }
 
 /// A thread and what runs there.
 struct Place {
     lane: Arc<Lane>,
     running: Option<Running>,
+    /// When each study had its last turn here, counted in rounds.
+    turns: HashMap<StudyId, u64>,
 }
 
 struct Running {
@@ -130,7 +129,18 @@ impl Place {
         Self {
             lane,
             running: None,
+            turns: HashMap::new(),
         }
+    }
+
+    /// When this study had its last turn: 0 for never.
+    fn turn_of(&self, study: &StudyId) -> u64 {
+        self.turns.get(study).copied().unwrap_or(0)
+    }
+
+    fn take_turn(&mut self, study: &StudyId) {
+        let last = self.turns.values().copied().max().unwrap_or(0);
+        self.turns.insert(study.clone(), last + 1);
     }
 
     /// What came out of what runs here, once it has ended; for ever if nothing runs.
@@ -176,8 +186,7 @@ impl Refits {
             };
             self.quiet.note(id, snapshot.version.data_version, now);
             self.cold.cancel_if_needless(&snapshot);
-            let turn = self.turns.get(id).copied().unwrap_or(0);
-            let round = |dues| Round {
+            let round = |dues, turn| Round {
                 study: snapshot.study.clone(),
                 version,
                 data_version: snapshot.version.data_version,
@@ -187,16 +196,19 @@ impl Refits {
             let (mut of_live, of_cold) = self.due(&snapshot, now);
             // A round may end early.
             of_live.sort_by_key(Due::urgency);
+            let turn = self.live.turn_of(id);
             if !of_live.is_empty() && live.as_ref().is_none_or(|other| turn < other.turn) {
-                live = Some(round(of_live));
+                live = Some(round(of_live, turn));
             }
             if let Some(first) = of_cold.into_iter().min_by_key(Due::urgency) {
+                let turn = self.cold.turn_of(id);
+                // In no study does anything become final while another one waits for its first fit.
                 let is_sooner = |other: &Round| {
-                    let other = (other.turn, other.dues[0].urgency());
-                    (turn, first.urgency()) < other
+                    let of = |due: &Due, turn| (due.is_final, turn, due.urgency());
+                    of(&first, turn) < of(&other.dues[0], other.turn)
                 };
                 if cold.as_ref().is_none_or(is_sooner) {
-                    cold = Some(round(vec![first]));
+                    cold = Some(round(vec![first], turn));
                 }
             }
         }
@@ -250,13 +262,12 @@ impl Refits {
     }
 
     fn start(&mut self, round: Round, is_live: bool) {
-        let last = self.turns.values().copied().max().unwrap_or(0);
-        self.turns.insert(round.study.id().clone(), last + 1);
         let place = if is_live {
             &mut self.live
         } else {
             &mut self.cold
         };
+        place.take_turn(round.study.id());
         let cancel = self.stop.child_token();
         place.running = Some(Running {
             study: round.study.id().clone(),

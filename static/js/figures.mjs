@@ -38,6 +38,11 @@ export class Figures {
     this.tables = [...root.querySelectorAll("[data-table]")];
   }
 
+  /** Draws everything anew at the next update, whatever it was drawn from. */
+  forget() {
+    for (const figure of this.figures) figure.drawnFits = null;
+  }
+
   /** The plans whose curves are drawn. */
   plans() {
     const chosen = this.figures.filter((figure) => figure.kind.byPlan).map((figure) => figure.plan);

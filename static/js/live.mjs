@@ -4,6 +4,7 @@ import { PartGroup } from "./part-group.mjs";
 import { showWords } from "./words.mjs";
 
 const retryMs = 3000;
+const patienceMs = 15_000;
 const words = {
   connecting: "Connecting…",
   live: "Live: new answers appear by themselves.",
@@ -61,6 +62,7 @@ export class Live {
       this.say("lost");
       // The server that is found next may be another one, with another past.
       this.held = {};
+      this.figures.forget();
       // After an HTTP error the browser gives up by itself.
       if (events.readyState === EventSource.CLOSED) setTimeout(() => this.listen(), retryMs);
     });
@@ -85,8 +87,11 @@ export class Live {
 
   async fetchPart(part) {
     const address = this.root.dataset[part];
+    const plans = this.figures.plans().join();
     const data = part === "curves" ? await this.fetchCurves(address) : await fetchJson(address);
     this.data[part] = data;
+    // Another plan was chosen while the curves of the old one came: they are to be fetched again.
+    if (part === "curves" && this.figures.plans().join() !== plans) return;
     this.held[part] = { data_version: data.data_version, fit_version: data.fit_version };
   }
 
@@ -128,7 +133,7 @@ export class Live {
 }
 
 async function fetchJson(address) {
-  const response = await fetch(address, { headers: { Accept: "application/json" }, cache: "no-store" });
+  const response = await fetch(address, { headers: { Accept: "application/json" }, cache: "no-store", signal: AbortSignal.timeout(patienceMs) });
   if (!response.ok) throw new Error(`${address}: status ${response.status}`);
   return response.json();
 }

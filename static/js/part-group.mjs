@@ -35,7 +35,8 @@ export class PartGroup {
       if (stale.length > 0) {
         const isDone = await this.fetch(stale);
         const started = performance.now();
-        await this.show(stale);
+        // What cannot be shown must not keep the page from what comes next.
+        await this.show(stale).catch((error) => console.error("not shown", stale, error));
         const now = performance.now();
         // As long as showing it took, so that half of the time is left to whoever uses the page.
         this.restUntil = now + (isDone ? Math.max(this.restMs, now - started) : this.retryMs);
