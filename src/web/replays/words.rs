@@ -75,11 +75,16 @@ pub(super) fn stills(timeline: &Timeline) -> Vec<u32> {
             Event::ReachesFor { .. } | Event::PutBack { .. } | Event::AtRest => {}
         }
     }
-    moments.push(end);
     moments.sort_unstable();
-    moments.dedup();
+    // Hand and arm are often done at nearly the same time.
+    moments.dedup_by(|next, kept| *next < *kept + LEAST_STILL_MS);
+    moments.retain(|moment| moment + LEAST_STILL_MS <= end);
+    moments.push(end);
     moments
 }
+
+/// A still stands at least so long, in milliseconds.
+const LEAST_STILL_MS: u32 = 200;
 
 /// Time between the stills of a fall, in milliseconds.
 const FALLING_MS: u32 = 300;
@@ -199,7 +204,7 @@ mod tests {
         let stills = stills(&falls);
         assert_eq!(stills.first(), Some(&0));
         assert_eq!(stills.last(), Some(&falls.duration_ms()));
-        assert!(stills.is_sorted_by(|one, next| one < next));
+        assert!(stills.is_sorted_by(|one, next| one + LEAST_STILL_MS <= *next));
         let event = |event| falls.events.iter().find(|found| found.event == event);
         let begin = event(Event::TowerFalls).unwrap().at_ms;
         assert!(stills.iter().filter(|at| **at > begin).count() >= 3);
