@@ -14,12 +14,7 @@ use super::{
     snapshot_cache::fresh,
 };
 use crate::{
-    inference::{
-        Draws, Estimate,
-        accuracy::CellAccuracy,
-        comparison::{CUPS_HYPOTHESIS, DRIVING_HYPOTHESIS, Hypothesis},
-        sequential,
-    },
+    inference::{Draws, Estimate, accuracy::CellAccuracy, comparison::Hypothesis, sequential},
     model::ChoiceModel,
     store::{
         AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, StudyState,
@@ -285,13 +280,15 @@ impl Snapshot {
         )
     }
 
-    /// The hypothesis of the paper that the study is about: those of the studies that come with the program.
-    pub fn hypothesis(&self) -> Option<&'static Hypothesis> {
-        match self.study.id().as_str() {
-            "driving" => Some(&DRIVING_HYPOTHESIS),
-            "cups" => Some(&CUPS_HYPOTHESIS),
-            _ => None,
-        }
+    /// The hypothesis that the study file states.
+    pub fn hypothesis(&self) -> Option<Hypothesis<'_>> {
+        let stated = self.study.hypothesis()?;
+        Some(Hypothesis {
+            id: &stated.id,
+            statement: &stated.statement,
+            better: stated.better.id,
+            than: stated.than.id,
+        })
     }
 
     /// Whether there are answers, and every fit is a final one of all of them.

@@ -33,6 +33,7 @@ pub struct Study {
     pub(super) recruiting_ids: RecruitingIds,
     pub(super) include: Include,
     pub(super) blind_until: Option<u64>,
+    pub(super) hypothesis: Option<StatedHypothesis>,
     pub(super) sequential: Sequential,
     pub(super) fit: FitSettings,
     pub(super) plans: Vec<FitPlan>,
@@ -165,6 +166,11 @@ impl Study {
         self.blind_until
     }
 
+    /// What the study wants to find out about two of its models.
+    pub fn hypothesis(&self) -> Option<&StatedHypothesis> {
+        self.hypothesis.as_ref()
+    }
+
     /// How evidence is followed while people take part, and when it is enough.
     pub fn sequential(&self) -> &Sequential {
         &self.sequential
@@ -184,6 +190,19 @@ impl Study {
     pub fn hash(&self) -> &str {
         &self.hash
     }
+}
+
+/// The claim that one model predicts people better than another.
+#[derive(Debug, Clone, PartialEq)]
+pub struct StatedHypothesis {
+    /// Its name, such as `H1`.
+    pub id: String,
+    /// The claim in words, without a full stop.
+    pub statement: String,
+    /// The model that should be better.
+    pub better: &'static ChoiceModel,
+    /// The other one.
+    pub than: &'static ChoiceModel,
 }
 
 /// The unit in which rewards are counted.

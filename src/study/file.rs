@@ -280,6 +280,16 @@ pub(super) struct RawAnalysis {
     #[serde(default)]
     pub(super) include: RawInclude,
     pub(super) blind_until: Option<u64>,
+    pub(super) hypothesis: Option<RawHypothesis>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawHypothesis {
+    pub(super) id: String,
+    pub(super) statement: String,
+    pub(super) better: String,
+    pub(super) than: String,
 }
 
 #[derive(Debug, Deserialize)]

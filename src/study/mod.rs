@@ -35,7 +35,8 @@ mod timing;
 pub use built_in::built_in;
 pub use cell::{ActionLabel, Baseline, Cell};
 pub use definition::{
-    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit, Study,
+    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit,
+    StatedHypothesis, Study,
 };
 pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;

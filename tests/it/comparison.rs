@@ -6,8 +6,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha12Rng;
 use rand_chacha::rand_core::SeedableRng;
 use riskaware::inference::comparison::{
-    Comparison, ComparisonProgress, ComparisonSettings, DRIVING_HYPOTHESIS, KnownFit, Leaning,
-    Outcome, Pair, PlanData, Question, Unit, Verdict, compare_models,
+    Comparison, ComparisonProgress, ComparisonSettings, Hypothesis, KnownFit, Leaning, Outcome,
+    Pair, PlanData, Question, Unit, Verdict, compare_models,
 };
 use riskaware::inference::{
     ChoiceData, FitError, FitSettings, FittedProblem, Group, fit, predict_from_draws, uninterrupted,
@@ -239,7 +239,13 @@ fn a_full_comparison_reaches_a_verdict() {
     let total = found.ladder[2].units.unwrap().score - found.ladder[0].units.unwrap().score;
     assert!((gain - total).abs() < 1e-9);
 
-    let verdict = Verdict::of(&DRIVING_HYPOTHESIS, &found).unwrap();
+    let hypothesis = Hypothesis {
+        id: "H1",
+        statement: "Risk-Aware foresees drivers better",
+        better: "risk_aware",
+        than: "noisy_rational",
+    };
+    let verdict = Verdict::of(&hypothesis, &found).unwrap();
     assert_eq!(verdict.criteria.len(), 3);
     assert_eq!(verdict.criteria[0].question, Question::HeldOut);
     for criterion in &verdict.criteria {

@@ -44,6 +44,4 @@ pub use report::{
     Comparison, ComparisonProgress, ComparisonSettings, KnownFit, ModelScores, Pair, compare_models,
 };
 pub use score::ScoreDifference;
-pub use verdict::{
-    CUPS_HYPOTHESIS, Criterion, DRIVING_HYPOTHESIS, Hypothesis, Leaning, Outcome, Question, Verdict,
-};
+pub use verdict::{Criterion, Hypothesis, Leaning, Outcome, Question, Verdict};

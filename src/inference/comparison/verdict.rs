@@ -7,32 +7,16 @@ use super::report::{Comparison, Pair};
 
 /// A claim that one model predicts people better than another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Hypothesis {
+pub struct Hypothesis<'a> {
     /// Its name in the source, such as `H1`.
-    pub id: &'static str,
+    pub id: &'a str,
     /// The claim in our own words.
-    pub statement: &'static str,
+    pub statement: &'a str,
     /// The id of the model that should be better.
-    pub better: &'static str,
+    pub better: &'a str,
     /// The id of the other.
-    pub than: &'static str,
+    pub than: &'a str,
 }
-
-/// The paper's first hypothesis, on drivers at a yellow light.
-pub const DRIVING_HYPOTHESIS: Hypothesis = Hypothesis {
-    id: "H1",
-    statement: "A risk-aware model foresees how drivers choose more accurately than a noisy rational one",
-    better: "risk_aware",
-    than: "noisy_rational",
-};
-
-/// The paper's second hypothesis, on people who stack cups with a robot.
-pub const CUPS_HYPOTHESIS: Hypothesis = Hypothesis {
-    id: "H2",
-    statement: "A risk-aware model foresees which tower people build more accurately than a noisy rational one",
-    better: "risk_aware",
-    than: "noisy_rational",
-};
 
 /// What a comparison says on a hypothesis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -169,7 +153,7 @@ impl Verdict {
          otherwise undecided. What could not be asked (one problem alone) is left out";
 
     /// The verdict of a comparison; nothing if it lacks one of the models, or asked nothing that decides.
-    pub fn of(hypothesis: &Hypothesis, comparison: &Comparison) -> Option<Self> {
+    pub fn of(hypothesis: &Hypothesis<'_>, comparison: &Comparison) -> Option<Self> {
         let (pair, sign) = comparison.pair(hypothesis.better, hypothesis.than)?;
         let criteria = criteria(comparison, pair, sign);
         if criteria.is_empty() {
@@ -318,6 +302,13 @@ mod tests {
         }
     }
 
+    const HYPOTHESIS: Hypothesis<'static> = Hypothesis {
+        id: "H1",
+        statement: "one model predicts better than the other",
+        better: "risk_aware",
+        than: "noisy_rational",
+    };
+
     /// One cell beside so many that ask the same.
     fn exam(copies: usize) -> HeldOut {
         HeldOut {
@@ -340,7 +331,7 @@ mod tests {
     fn check(numbers: [f64; 3], expected: Outcome) -> Verdict {
         let [held_out, left_out, factor] = numbers;
         let comparison = comparison(held_out, left_out, factor);
-        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        let found = Verdict::of(&HYPOTHESIS, &comparison).unwrap();
         assert_eq!(found.outcome, expected, "{found:?}");
         found
     }
@@ -366,7 +357,7 @@ mod tests {
         for (units, leaning) in [(7, Leaning::Neither), (8, Leaning::For)] {
             let mut comparison = comparison(9.0, 12.0, 7.0);
             comparison.pairs[0].held_out.as_mut().unwrap().units = units;
-            let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+            let found = Verdict::of(&HYPOTHESIS, &comparison).unwrap();
             assert_eq!(found.criteria[0].leaning, leaning, "{units}");
             assert_eq!(found.criteria[0].value, Some(9.0));
         }
@@ -378,7 +369,7 @@ mod tests {
     fn a_failed_criterion_stays_and_decides_nothing() {
         let mut comparison = comparison(9.0, 12.0, 7.0);
         comparison.pairs[0].held_out = None;
-        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        let found = Verdict::of(&HYPOTHESIS, &comparison).unwrap();
         assert_eq!(found.outcome, Outcome::Undecided);
         let first = found.criteria[0];
         assert_eq!(
@@ -391,7 +382,7 @@ mod tests {
                 .contains("held-out problems no value, neither way")
         );
         comparison.held_out = None;
-        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        let found = Verdict::of(&HYPOTHESIS, &comparison).unwrap();
         assert_eq!(
             (found.outcome, found.criteria.len()),
             (Outcome::Supported, 2)
@@ -402,7 +393,7 @@ mod tests {
     fn a_cell_whose_copies_remain_is_not_called_a_new_problem() {
         let mut comparison = comparison(-9.0, 12.0, 7.0);
         comparison.held_out = Some(exam(3));
-        let found = Verdict::of(&DRIVING_HYPOTHESIS, &comparison).unwrap();
+        let found = Verdict::of(&HYPOTHESIS, &comparison).unwrap();
         assert!(found.line.contains("held-out cells -9.0"), "{}", found.line);
         let text = found.disagreement.unwrap();
         assert!(
@@ -417,7 +408,7 @@ mod tests {
         let turned = Hypothesis {
             better: "noisy_rational",
             than: "risk_aware",
-            ..CUPS_HYPOTHESIS
+            ..HYPOTHESIS
         };
         let found = Verdict::of(&turned, &comparison(-9.0, -12.0, -7.0)).unwrap();
         assert_eq!(found.outcome, Outcome::Supported);

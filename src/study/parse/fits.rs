@@ -6,10 +6,12 @@ use super::design::Design;
 use super::rules;
 use crate::model::{ChoiceModel, MODELS, RiskAwareOptions, model_named};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
-use crate::study::file::{RawFit, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting};
+use crate::study::file::{
+    RawFit, RawHypothesis, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting,
+};
 use crate::study::{
     ActionLabel, Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId,
-    PlanPart, PriorChange, Priors, Weighting,
+    PlanPart, PriorChange, Priors, StatedHypothesis, Weighting,
 };
 
 /// The id of the only part of a plan that splits by nothing.
@@ -144,6 +146,39 @@ pub(super) fn blind_until(raw: Option<u64>) -> Result<Option<u64>, Fault> {
         )),
         Some(_) | None => Ok(raw),
     }
+}
+
+/// The study's hypothesis, about two of the models that it fits.
+pub(super) fn hypothesis(
+    raw: &RawHypothesis,
+    models: &[&'static ChoiceModel],
+) -> Result<StatedHypothesis, Fault> {
+    let at = KeyPath::root().key("analysis").key("hypothesis");
+    rules::line(&raw.id, &at.key("id"))?;
+    rules::line(&raw.statement, &at.key("statement"))?;
+    let fitted = |name: &str, at: KeyPath| {
+        let found = models.iter().copied().find(|model| model.id == name);
+        found.ok_or_else(|| {
+            let ids = list(models.iter().map(|model| model.id));
+            at.fault(
+                rules::shown(name),
+                format!("one of the fitted models: {ids}"),
+            )
+        })
+    };
+    let better = fitted(&raw.better, at.key("better"))?;
+    let than = fitted(&raw.than, at.key("than"))?;
+    if better == than {
+        return Err(at
+            .key("than")
+            .fault(rules::shown(&raw.than), "another model than `better`"));
+    }
+    Ok(StatedHypothesis {
+        id: raw.id.clone(),
+        statement: raw.statement.clone(),
+        better,
+        than,
+    })
 }
 
 /// The prior of a parameter, which lies in [0, 1] if it `is_share`, else at 0 or above.

@@ -58,6 +58,11 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
     let sequential =
         sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells).map_err(refuse)?;
     let blind_until = fits::blind_until(raw.analysis.blind_until).map_err(refuse)?;
+    let hypothesis = raw.analysis.hypothesis.as_ref();
+    let hypothesis = hypothesis
+        .map(|raw| fits::hypothesis(raw, &fit.models))
+        .transpose()
+        .map_err(refuse)?;
     let paper = fits::paper(&raw.paper, &design, &cells).map_err(refuse)?;
 
     let factors = design.into_factors();
@@ -92,6 +97,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
             RawInclude::All => Include::All,
         },
         blind_until,
+        hypothesis,
         sequential,
         fit,
         plans,

@@ -98,7 +98,7 @@ impl<'a> StoredComparison<'a> {
             at: rfc3339(stored.at),
             report,
             verdicts: verdicts
-                .and_then(|(hypothesis, report)| Verdict::of(hypothesis, report))
+                .and_then(|(hypothesis, report)| Verdict::of(&hypothesis, report))
                 .into_iter()
                 .collect(),
             tests: stored.tests.as_deref(),

@@ -221,6 +221,16 @@ fn what_is_wrong_with_a_replay_is_told() {
     check("seed = 2\n", "seed = 2.5\n", "a whole number");
     check("seed = 2\n", "", "no key `seed`");
     check(
+        "hypothesis.better = \"risk_aware\"",
+        "hypothesis.better = \"prelec\"",
+        "analysis.hypothesis.better: found `prelec`; allowed: one of the fitted models: `noisy_rational`, `risk_aware`",
+    );
+    check(
+        "hypothesis.than = \"noisy_rational\"",
+        "hypothesis.than = \"risk_aware\"",
+        "analysis.hypothesis.than: found `risk_aware`; allowed: another model than `better`",
+    );
+    check(
         "choices = { stable = 42",
         "choices = { stabel = 42",
         "paper[#1].choices.stabel: found unknown action `stabel`, did you mean `stable`?",

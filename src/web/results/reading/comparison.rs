@@ -541,7 +541,7 @@ fn judged<'a>(snapshot: &Snapshot, compared: &[Compared<'a>]) -> Vec<(&'a str, V
         return Vec::new();
     };
     let of_plan = |plan: &Compared<'a>| {
-        let verdict = Verdict::of(hypothesis, plan.comparison)?;
+        let verdict = Verdict::of(&hypothesis, plan.comparison)?;
         Some((plan.label, verdict))
     };
     compared.iter().filter_map(of_plan).collect()
