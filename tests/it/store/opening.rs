@@ -43,7 +43,7 @@ async fn a_restart_migrates_nothing_and_keeps_the_secret() {
         .fetch_all(&mut raw)
         .await
         .unwrap();
-    assert_eq!(applied, [1, 2, 3]);
+    assert_eq!(applied, [1, 2, 3, 4]);
 }
 
 #[tokio::test]

@@ -1,0 +1,184 @@
+-- The researcher's side: drafts, conditions and places, bonuses, previews, accounts, tokens, and the log of who did what.
+--
+-- Lists of states and kinds leave the schema with the tables that are copied here: they stand in the program alone, as
+-- those of steps do since schema 3, so that a new state copies no table.
+
+create table study_in_any_state (
+    id text primary key,
+    state text not null,
+    -- The version that new runs get. Empty only inside the transaction that creates the study.
+    version_id integer references study_version (id),
+    -- Whether aggregates may be seen without an account.
+    is_public integer not null default 0 check (is_public in (0, 1))
+) strict, without rowid;
+
+insert into study_in_any_state (id, state, version_id)
+select id, state, version_id
+from study;
+
+drop table study;
+alter table study_in_any_state rename to study;
+
+alter table population add column screened_out integer not null default 0 check (screened_out >= 0);
+alter table population add column failed_check integer not null default 0 check (failed_check >= 0);
+alter table population add column timed_out integer not null default 0 check (timed_out >= 0);
+
+-- A look at a study that is never counted is one from its link on. The language is the one of the link or the browser.
+alter table arrival add column is_preview integer not null default 0 check (is_preview in (0, 1));
+alter table arrival add column language text;
+
+create table run_in_any_state (
+    id integer primary key,
+    study_id text not null references study (id),
+    version_id integer not null references study_version (id),
+    state text not null,
+    -- The first step that is not closed, with its clocks. They stand here and not at the step, so that an answer
+    -- rewrites one short row and a step is written once.
+    position integer not null check (position >= 0),
+    shown_at_ms integer,
+    -- The last moment at which an answer to a timed question counts: fixed when the question is first shown.
+    deadline_ms integer,
+    -- How often the current step was answered wrongly, where it is a check that may be tried again.
+    attempts integer not null default 0 check (attempts >= 0),
+    platform text,
+    -- A keyed hash of the id that the recruiting platform gave to the person.
+    platform_key text,
+    recruiting text,
+    source text,
+    language text,
+    -- The levels of the between-subjects factors, joined by /. Empty in a study without such factors.
+    condition text,
+    is_simulated integer not null check (is_simulated in (0, 1)),
+    is_preview integer not null check (is_preview in (0, 1)),
+    time_factor real not null check (time_factor >= 1),
+    started_at_ms integer not null,
+    -- When an unfinished run gives its place back. Empty where the study sets no end.
+    expires_at_ms integer,
+    finished_at_ms integer,
+    check (state <> 'withdrawn' or (platform is null and platform_key is null and recruiting is null))
+) strict;
+
+insert into run_in_any_state (
+    id, study_id, version_id, state, position, shown_at_ms, deadline_ms, platform, platform_key, recruiting, source,
+    is_simulated, is_preview, time_factor, started_at_ms, finished_at_ms
+)
+select
+    id, study_id, version_id, state, position, shown_at_ms, deadline_ms, platform, platform_key, recruiting, source,
+    is_simulated, is_preview, time_factor, started_at_ms, finished_at_ms
+from run;
+
+drop table run;
+alter table run_in_any_state rename to run;
+
+-- One take per recruited person.
+create unique index run_of_person on run (study_id, platform, platform_key)
+    where platform_key is not null and state <> 'withdrawn' and is_preview = 0;
+create index run_of_study on run (study_id, is_simulated, id);
+-- What the sweep of abandoned questions looks for: at most one entry per person who is at a timed question now.
+create index run_deadline on run (deadline_ms) where deadline_ms is not null;
+-- What the sweep of abandoned runs looks for.
+create index run_expiry on run (expires_at_ms) where expires_at_ms is not null and state = 'active';
+-- Places that are taken, by condition: counted whenever somebody starts.
+create index run_place on run (study_id, is_simulated, condition)
+    where state in ('active', 'completed') and is_preview = 0;
+
+create table event_of_any_kind (
+    id integer primary key,
+    run_id integer not null references run (id),
+    position integer not null,
+    kind text not null,
+    -- The key of the form that was sent. Empty for a repetition of a key, which names the first event instead.
+    key text,
+    repeat_of integer references event (id),
+    body_hash blob,
+    verdict text,
+    at_ms integer not null,
+    body text
+) strict;
+
+insert into event_of_any_kind (id, run_id, position, kind, key, repeat_of, body_hash, verdict, at_ms, body)
+select id, run_id, position, kind, key, repeat_of, body_hash, verdict, at_ms, body
+from event;
+
+drop table event;
+alter table event_of_any_kind rename to event;
+
+-- Serves three purposes: a key counts once in a run, a retry finds its first event, a withdrawal finds all events.
+create unique index event_of_run on event (run_id, key);
+-- Else the foreign key would search the whole table for each event that a withdrawal deletes.
+create index event_repeated on event (repeat_of) where repeat_of is not null;
+
+-- What a finished person is paid beside the fee: one of their choices, drawn after the last answer, is played out.
+create table bonus (
+    run_id integer primary key references run (id),
+    -- The choice that was drawn.
+    position integer not null,
+    action text not null,
+    -- The outcome that was drawn of that action's outcomes.
+    reward real not null,
+    -- What it comes to in the bonus's currency.
+    amount real not null,
+    drawn_at_ms integer not null
+) strict;
+
+create table account (
+    id integer primary key,
+    name text not null unique,
+    -- Argon2id in PHC form.
+    password_hash text not null,
+    role text not null,
+    created_at_ms integer not null,
+    -- Since when it opens nothing any more. An account is never removed, because the log names it.
+    disabled_at_ms integer
+) strict;
+
+-- The one-time link with which the first account is made. One row while no account exists.
+create table setup_link (
+    id integer primary key check (id = 1),
+    token_hash blob not null check (length(token_hash) = 32),
+    created_at_ms integer not null
+) strict;
+
+create table session (
+    token_hash blob primary key check (length(token_hash) = 32),
+    account_id integer not null references account (id),
+    created_at_ms integer not null,
+    last_used_at_ms integer not null,
+    expires_at_ms integer not null
+) strict, without rowid;
+create index session_of_account on session (account_id);
+
+create table api_token (
+    id integer primary key,
+    -- What it is for, in its maker's words.
+    name text not null,
+    token_hash blob not null unique check (length(token_hash) = 32),
+    -- Names joined by spaces.
+    scopes text not null,
+    account_id integer references account (id),
+    created_at_ms integer not null,
+    expires_at_ms integer not null,
+    revoked_at_ms integer,
+    last_used_at_ms integer
+) strict;
+
+-- Who exported, changed, erased or looked at what, when, and whether they were let. Only appended to.
+create table audit (
+    id integer primary key,
+    at_ms integer not null,
+    -- An account's or token's name, `command` for a command on this machine, or `nobody`.
+    actor text not null,
+    action text not null,
+    study_id text,
+    detail text,
+    outcome text not null
+) strict;
+
+create trigger audit_is_never_changed before update on audit
+begin
+    select raise(abort, 'the audit log is only appended to');
+end;
+create trigger audit_is_never_shortened before delete on audit
+begin
+    select raise(abort, 'the audit log is only appended to');
+end;
