@@ -78,6 +78,9 @@ enum Command {
     Sweep(sweep::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
+    /// Write the OpenAPI document of the server's API
+    #[command(name = "openapi", hide = true)]
+    OpenApi,
 }
 
 impl Cli {
@@ -125,6 +128,9 @@ impl Command {
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Health(args) => block_on(health::run(args)),
+            Self::OpenApi => {
+                output::print(crate::web::document().as_bytes()).map(|()| ExitCode::SUCCESS)
+            }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use axum::{
     extract::Request,
-    http::{HeaderName, HeaderValue, header},
+    http::{HeaderMap, HeaderName, HeaderValue, header},
     middleware::Next,
     response::Response,
 };
@@ -37,5 +37,19 @@ pub(super) async fn set(request: Request, next: Next) -> Response {
     headers
         .entry(header::CACHE_CONTROL)
         .or_insert(HeaderValue::from_static("no-store"));
+    if headers.contains_key(header::CONTENT_ENCODING) {
+        weaken_tag(headers);
+    }
     response
+}
+
+/// A strong tag promises the same bytes, and compressed ones are others (RFC 9110, section 8.8.3.3).
+fn weaken_tag(headers: &mut HeaderMap) {
+    let strong = headers
+        .get(header::ETAG)
+        .and_then(|tag| tag.to_str().ok())
+        .filter(|tag| tag.starts_with('"'));
+    if let Some(Ok(weak)) = strong.map(|tag| HeaderValue::from_str(&format!("W/{tag}"))) {
+        headers.insert(header::ETAG, weak);
+    }
 }

@@ -10,6 +10,7 @@ mod guard;
 mod headers;
 mod home;
 mod participant;
+mod problem;
 mod replays;
 mod results;
 mod server;
@@ -33,6 +34,7 @@ use tower_http::{
 };
 
 pub use self::{
+    api::document,
     error::{ApiError, Error},
     replays::Replays,
     results::FitReportPage,
@@ -102,6 +104,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .merge(participant::router())
         .merge(replays::router())
         .merge(results)
+        .merge(api::description())
         .merge(assets::router())
         .fallback(|| async { Error::NotFound("page") })
         .method_not_allowed_fallback(|| async { Error::MethodNotAllowed })
@@ -116,6 +119,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
                 .layer(PropagateRequestIdLayer::x_request_id())
                 .layer(middleware::from_fn(headers::set))
                 .layer(CompressionLayer::new())
+                .layer(middleware::from_fn(problem::complete))
                 .layer(CsrfLayer::new().with_rejection_response(guard::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),

@@ -1,6 +1,8 @@
 //! The integration tests, one module per feature.
 
 mod api;
+mod api_document;
+mod api_http;
 mod app;
 mod architecture;
 mod calibrate;

@@ -13,9 +13,10 @@ use axum::{
 };
 use serde::{Deserialize, Serialize};
 use tokio::sync::mpsc;
+use utoipa::IntoParams;
 
 use super::{
-    NoQuery, Parts,
+    NoQuery, Parts, StudyPath, cursor,
     extract::{Path, Query},
     served,
 };
@@ -32,15 +33,19 @@ const EXPORT_ROWS: u32 = 2_000;
 const PAGE_ROWS: u32 = 100;
 const MAX_PAGE_ROWS: u32 = 1_000;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct PageQuery {
     /// Where the page before ended, as its link says.
+    #[param(nullable = false)]
     after: Option<String>,
+    /// Answers on a page, 100 if left out.
+    #[param(minimum = 1, maximum = 1000, nullable = false)]
     limit: Option<u32>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct AnswerPage<'a> {
     answers: Vec<Answer<'a>>,
     /// The cursor of the next page; null on the last.
@@ -48,7 +53,7 @@ struct AnswerPage<'a> {
 }
 
 /// An answer in the long form of product.md.
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct Answer<'a> {
     study: &'a str,
     version: i64,
@@ -58,7 +63,9 @@ struct Answer<'a> {
     position: u32,
     question: &'a str,
     problem: String,
+    #[schema(value_type = HashMap<String, String>)]
     levels: OrderedMap<&'a str>,
+    #[schema(value_type = Option<String>)]
     action: Option<&'a str>,
     status: AnswerStatus,
     shown_at_ms: Option<i64>,
@@ -66,8 +73,10 @@ struct Answer<'a> {
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
     limit_ms: Option<u64>,
+    #[schema(value_type = Option<String>)]
     input: Option<&'a str>,
     hidden_ms: Option<u64>,
+    #[schema(value_type = Option<String>)]
     source: Option<&'a str>,
     simulated: bool,
 }
@@ -115,19 +124,23 @@ impl<'a> Answer<'a> {
     }
 }
 
+/// The answers in pages, in the order of runs and steps.
+///
+/// One row per closed question. Withdrawn people have no rows; previews never have.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers", tag = "data", params(StudyPath, PageQuery),
+    responses((status = 200, description = "A page of answers", body = AnswerPage,
+        headers(("Link" = String, description = "`next` and `first` page (RFC 8288)")))),
+    security((), ("token" = ["data"])),
+)]
 pub(super) async fn page(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(PageQuery { after, limit }): Query<PageQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
-    let limit = limit.unwrap_or(PAGE_ROWS);
-    if !(1..=MAX_PAGE_ROWS).contains(&limit) {
-        return Err(
-            Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into(),
-        );
-    }
-    let after = after.as_deref().map_or(Ok(AnswerKey::START), cursor)?;
+    let limit = cursor::rows(limit, PAGE_ROWS, MAX_PAGE_ROWS)?;
+    let after = after.as_deref().map_or(Ok(AnswerKey::START), key)?;
     // One more than asked for tells whether there is a next page.
     let mut rows = store
         .answers(study.id(), settings.population, after, limit + 1)
@@ -137,7 +150,7 @@ pub(super) async fn page(
     let next = rows
         .last()
         .filter(|_| has_more)
-        .map(|row| format!("{}-{}", row.key.run, row.key.position));
+        .map(|row| cursor::cursor(&[row.key.run.get(), row.key.position.into()]));
     let versions: Vec<Arc<Study>> = rows
         .iter()
         .map(|row| version(&catalogue, &study, row))
@@ -147,34 +160,20 @@ pub(super) async fn page(
         .zip(&versions)
         .map(|(row, version)| Answer::new(version, row))
         .collect();
-    let mut response = Json(AnswerPage {
+    let page = Json(AnswerPage {
         answers,
         next: next.clone(),
-    })
-    .into_response();
-    if let Some(next) = next {
-        let link = format!(
-            "</api/v1/studies/{}/answers?after={next}&limit={limit}>; rel=\"next\"",
-            study.id()
-        );
-        if let Ok(link) = HeaderValue::from_str(&link) {
-            response.headers_mut().insert(header::LINK, link);
-        }
-    }
-    Ok(response)
+    });
+    let first = format!("/api/v1/studies/{}/answers?limit={limit}", study.id());
+    Ok(cursor::linked(page, &first, next.as_deref()))
 }
 
-fn cursor(text: &str) -> Result<AnswerKey, Error> {
-    let parsed = text.split_once('-').and_then(|(run, position)| {
-        Some(AnswerKey {
-            run: RunId::from(run.parse::<i64>().ok()?),
-            position: position.parse().ok()?,
-        })
-    });
-    parsed.ok_or_else(|| {
-        Error::BadRequest(format!(
-            "after is `{text}`; allowed: the `next` of an earlier page"
-        ))
+fn key(text: &str) -> Result<AnswerKey, Error> {
+    let [run, position] = cursor::key(text)?;
+    Ok(AnswerKey {
+        run: RunId::from(run),
+        // No run has a step at a place that is no number of a step.
+        position: u32::try_from(position).unwrap_or(u32::MAX),
     })
 }
 
@@ -185,6 +184,14 @@ fn version(catalogue: &Catalogue, current: &Arc<Study>, row: &AnswerRow) -> Arc<
         .unwrap_or_else(|| current.clone())
 }
 
+/// All answers as CSV: the columns of `Answer`, with one column per factor instead of `levels`.
+///
+/// A text that begins like a formula gets an apostrophe in front.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers.csv", tag = "data", params(StudyPath),
+    responses((status = 200, description = "All answers", content((String = "text/csv; charset=utf-8")))),
+    security((), ("token" = ["data"])),
+)]
 pub(super) async fn csv(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
@@ -209,6 +216,12 @@ pub(super) async fn csv(
     ))
 }
 
+/// All answers as NDJSON: one `Answer` a line.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers.ndjson", tag = "data", params(StudyPath),
+    responses((status = 200, description = "All answers", content((String = "application/x-ndjson")))),
+    security((), ("token" = ["data"])),
+)]
 pub(super) async fn ndjson(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
@@ -424,19 +437,5 @@ mod tests {
             assert_eq!(text(formula), format!("'{formula}"));
         }
         assert_eq!(text("prolific"), "prolific");
-    }
-
-    #[test]
-    fn cursors_read_back_and_others_are_refused() {
-        assert_eq!(
-            cursor("12-3").unwrap(),
-            AnswerKey {
-                run: RunId::from(12),
-                position: 3
-            }
-        );
-        for text in ["", "12", "a-b", "1--2"] {
-            assert!(cursor(text).is_err(), "{text}");
-        }
     }
 }
