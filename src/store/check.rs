@@ -211,6 +211,7 @@ async fn at_start(
         position: 0,
         shown_at: None,
         deadline: None,
+        expires_at: None,
         ended_at: None,
         factor: time_factor(factor)?,
         is_preview,

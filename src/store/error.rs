@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::study::NotAdmitted;
+
 /// Why the store did not do what it was asked for.
 ///
 /// It can be cloned because one failed commit is told to everybody who waited for it.
@@ -25,6 +27,9 @@ pub enum Error {
         /// What it is instead of open.
         state: &'static str,
     },
+    /// The study takes people in, but not this one or not now.
+    #[error("{0}")]
+    NotAdmitted(NotAdmitted),
     /// The rules of a run do not allow it.
     #[error("{0}")]
     Refused(String),

@@ -53,7 +53,7 @@ pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
-pub use job::{AskedProblem, DrawnStep};
+pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
     AnalysisSet, AnswerStatus, EventId, EventKind, FitId, FitState, Population, ProblemId, RunId,
     RunState, StudyState, UnknownName, Verdict, VersionId,
@@ -64,7 +64,7 @@ pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
 use crate::clock::Clock;
-use crate::study::{StudyId, TimeFactor, Timestamp};
+use crate::study::{NotAdmitted, StudyId, TimeFactor, Timestamp};
 use disk::Lock;
 use job::{Arrive, Hot, Job, Publish, Rare, Show, Start, Submit, Ticket};
 use token::Secret;
@@ -135,6 +135,10 @@ pub struct NewArrival {
     pub recruiting: BTreeMap<String, String>,
     /// Where the person comes from, for tables by source.
     pub source: Option<String>,
+    /// A look at the study that is never counted, which is possible in each of its states.
+    pub is_preview: bool,
+    /// Why nobody new may start; who is under way may come back all the same.
+    pub refusal: Option<NotAdmitted>,
 }
 
 /// How a run begins.
@@ -144,8 +148,15 @@ pub struct NewRun {
     pub study: StudyId,
     /// The study version that its texts come from.
     pub version: VersionId,
-    /// Its steps; see [`draw_run`].
-    pub steps: Vec<DrawnStep>,
+    /// What it would be in each condition, see [`draw_run`]: it becomes the first of those whose condition has the
+    /// fewest people under way or finished.
+    pub candidates: Vec<CandidateRun>,
+    /// How many people may be under way or finished.
+    pub quota: Option<u32>,
+    /// After so many milliseconds it gives its place back if it is not finished.
+    pub time_limit_ms: Option<i64>,
+    /// Why nobody new may start; who is under way may come back all the same.
+    pub refusal: Option<NotAdmitted>,
     /// Extra time, asked for before the start.
     pub factor: TimeFactor,
     /// Real or simulated.
@@ -282,8 +293,8 @@ impl Store {
     /// Stores that somebody followed a link to a study, under a token from the caller's generator.
     ///
     /// # Errors
-    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in, except for a person of a recruiting
-    /// platform who has a run there.
+    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in and `NotAdmitted` where the arrival says
+    /// so, except for a preview and for a person of a recruiting platform who has a run there.
     pub async fn arrive(
         &self,
         token: &Token,
@@ -305,6 +316,8 @@ impl Store {
             platform_key,
             recruiting,
             source: arrival.source,
+            is_preview: arrival.is_preview,
+            refusal: arrival.refusal,
             at: self.now(),
         };
         self.wait_for(|ticket| Job::Hot(Hot::Arrive(arrive, ticket)))
@@ -315,14 +328,17 @@ impl Store {
     ///
     /// # Errors
     /// `NotFound` for an unknown or expired arrival or one of another study, `Closed` where a new run would be needed and the study takes
-    /// nobody in (a preview starts in any state).
+    /// nobody in, `NotAdmitted` where `run` says so or no place is left (a preview starts in any case).
     pub async fn start(&self, arrival: &Token, run: NewRun) -> Result<Started, Error> {
         let start = Box::new(Start {
             arrival: arrival.hash(),
             study: run.study,
             link: self.shared.secret.run_token(arrival),
             version: run.version,
-            steps: run.steps,
+            candidates: run.candidates,
+            quota: run.quota,
+            time_limit_ms: run.time_limit_ms,
+            refusal: run.refusal,
             factor: run.factor,
             population: run.population,
             is_preview: run.is_preview,
@@ -379,8 +395,8 @@ impl Store {
             .await
     }
 
-    /// Closes the timed questions whose time ran out with nobody there. Returns how many. For a task that calls it
-    /// every second; nothing is written where nothing is overdue.
+    /// Closes the timed questions whose time ran out with nobody there, and ends the runs that were not finished in
+    /// their time, which frees their places. Returns how many. For a task that calls it every second; nothing is written where nothing is overdue.
     ///
     /// # Errors
     /// When the database fails.
@@ -410,8 +426,8 @@ impl Store {
             .await
     }
 
-    /// Makes a study's text the current version, and the study itself if it is new (open). The same text again is
-    /// the version that it was.
+    /// Makes a study's text the current version, and the study itself if it is new, in the state `state_if_new`. The
+    /// same text again is the version that it was.
     ///
     /// # Errors
     /// When the database fails.
@@ -420,11 +436,13 @@ impl Store {
         study: &StudyId,
         hash: &str,
         text: &str,
+        state_if_new: StudyState,
     ) -> Result<VersionId, Error> {
         let publish = Publish {
             study: study.clone(),
             hash: hash.to_owned(),
             text: text.to_owned(),
+            state_if_new,
             at: self.now(),
         };
         self.wait_for(|ticket| Job::Rare(Rare::Publish(publish, ticket)))

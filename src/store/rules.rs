@@ -10,6 +10,8 @@
 //!    that it is late. The page's word that the time ran out is believed once the limit has passed, and not before.
 //! 4. A closed step leads to the next. Where that one is timed and of the same block, its clock starts at once,
 //!    because the page that follows shows it.
+//! 5. A run that has an end and is not finished by then is ended by the sweep. An answer that comes before the sweep
+//!    still counts.
 
 use std::collections::VecDeque;
 
@@ -110,6 +112,8 @@ pub(super) struct RunFacts {
     pub(super) shown_at: Option<Timestamp>,
     /// The last moment at which its answer counts.
     pub(super) deadline: Option<Timestamp>,
+    /// When the run gives its place back if it is not finished.
+    pub(super) expires_at: Option<Timestamp>,
     /// When the run ended, if that has just happened.
     pub(super) ended_at: Option<Timestamp>,
     pub(super) factor: TimeFactor,
@@ -237,6 +241,16 @@ impl RunFacts {
         let deadline = self.deadline?;
         let is_over = at.0 > deadline.0.saturating_add(slack_ms);
         (self.state == RunState::Active && is_over).then(|| self.close(AnswerStatus::TimedOut, at))
+    }
+
+    /// Ends the run if it was not finished in its time. What was answered stays.
+    pub(super) fn expire(&mut self, at: Timestamp) -> bool {
+        let is_over = self.expires_at.is_some_and(|expires_at| at > expires_at);
+        let ends = self.state == RunState::Active && is_over;
+        if ends {
+            self.end(RunState::TimedOut, at);
+        }
+        ends
     }
 
     fn has_run_out(&self, step: &StepFacts, at: Timestamp) -> bool {

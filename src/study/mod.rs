@@ -8,6 +8,7 @@
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
+//! * `condition`: what differs between people; `recruiting`: who is taken in,
 //! * `draw`: a run's list of steps,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
@@ -17,6 +18,7 @@
 
 mod built_in;
 mod cell;
+mod condition;
 mod definition;
 mod document;
 mod draw;
@@ -27,6 +29,7 @@ mod instructed;
 mod markup;
 mod parse;
 mod plan;
+mod recruiting;
 mod sequential;
 pub mod step;
 mod template;
@@ -34,9 +37,9 @@ mod timing;
 
 pub use built_in::built_in;
 pub use cell::{ActionLabel, Baseline, Cell};
+pub use condition::{Condition, ConditionId};
 pub use definition::{
-    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit,
-    StatedHypothesis, Study,
+    Assign, Completion, CompletionCode, Factor, Include, Level, RewardUnit, StatedHypothesis, Study,
 };
 pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;
@@ -47,6 +50,7 @@ pub use instructed::InstructedItem;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
+pub use recruiting::{Device, NotAdmitted, Recruiting, RecruitingIds};
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

@@ -84,7 +84,9 @@ impl From<store::Error> for Error {
             store::Error::Conflict(_) | store::Error::Refused(_) => {
                 Self::Conflict(error.to_string())
             }
-            store::Error::Closed { .. } => Self::Closed(error.to_string()),
+            store::Error::Closed { .. } | store::Error::NotAdmitted(_) => {
+                Self::Closed(error.to_string())
+            }
             store::Error::Busy | store::Error::Unavailable(_) => Self::Busy,
             store::Error::Database(_) => Self::Internal(error.into()),
         }
@@ -109,7 +111,11 @@ impl IntoResponse for Error {
         self.log();
         let status = self.status();
         let page = ErrorPage {
-            title: status.canonical_reason().unwrap_or("Error"),
+            title: if let Self::Closed(_) = &self {
+                "You cannot start this study now"
+            } else {
+                status.canonical_reason().unwrap_or("Error")
+            },
             message: sentence(&self.to_string()),
         };
         let body = page.render().unwrap_or_else(|_| page.message.clone());

@@ -10,6 +10,7 @@ use super::{AppState, Error, Settings, assets};
 use crate::{
     jobs::Catalogue,
     store::{Store, StudyState},
+    study::StudyId,
 };
 
 pub(super) fn router() -> Router<AppState> {
@@ -38,16 +39,16 @@ async fn home(
     State(settings): State<Arc<Settings>>,
 ) -> Result<HomePage, Error> {
     let states = store.studies().await?;
+    let is = |id: &StudyId, state| states.iter().any(|row| row.id == *id && row.state == state);
     let studies = catalogue
         .studies()
+        .filter(|study| !is(study.id(), StudyState::Draft))
         .map(|study| Entry {
             id: study.id().to_string(),
             title: study.title().to_owned(),
             summary: study.summary().to_owned(),
             minutes: study.minutes(),
-            is_open: states
-                .iter()
-                .any(|row| row.id == *study.id() && row.state == StudyState::Open),
+            is_open: is(study.id(), StudyState::Open),
         })
         .collect();
     Ok(HomePage {

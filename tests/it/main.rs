@@ -6,6 +6,7 @@ mod architecture;
 mod calibrate;
 mod catalogue;
 mod comparison;
+mod conditions;
 mod crash;
 mod crowd;
 mod cups;

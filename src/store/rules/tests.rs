@@ -24,6 +24,7 @@ fn run() -> RunFacts {
         position: 0,
         shown_at: None,
         deadline: None,
+        expires_at: None,
         ended_at: None,
         factor: TimeFactor::ONE,
         is_preview: false,

@@ -1,16 +1,18 @@
 //! From text to a checked study.
 //!
 //! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices`,
-//! `replays` and `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers,
+//! `replays` and `forms`, `conditions` and `recruiting` for who meets them, `cells` for what the questions amount to, `fits` for what is made of the answers,
 //! `sequential` for when there are enough of them.
 
 mod blocks;
 mod cells;
 mod choices;
+mod conditions;
 mod design;
 mod fits;
 mod forms;
 mod problem;
+mod recruiting;
 mod replays;
 mod rules;
 mod sequential;
@@ -19,9 +21,9 @@ use sha2::{Digest, Sha256};
 
 use self::blocks::Asked;
 use self::design::Design;
-use super::definition::{Completion, CompletionCode, Include, RecruitingIds, RewardUnit, Study};
+use super::definition::{Completion, CompletionCode, Include, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
-use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawPriors, RawStudy};
+use super::file::{ActionOrder, RawCompletion, RawInclude, RawPriors, RawStudy};
 use super::template::{Scalar, Scope, Values};
 use super::{ParseError, Priors, StudyId};
 
@@ -65,6 +67,9 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
         .map_err(refuse)?;
     let paper = fits::paper(&raw.paper, &design, &cells).map_err(refuse)?;
 
+    let conditions = conditions::read(&design, &blocks).map_err(refuse)?;
+    let recruiting =
+        recruiting::read(&raw.recruiting, raw.minutes, !conditions.is_empty()).map_err(refuse)?;
     let factors = design.into_factors();
 
     Ok(Study {
@@ -88,10 +93,9 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
         baseline,
         baseline_share,
         completion,
-        recruiting_ids: match raw.recruiting.ids {
-            RawIds::Hashed => RecruitingIds::Hashed,
-            RawIds::Plain => RecruitingIds::Plain,
-        },
+        is_open_at_first: raw.open,
+        conditions,
+        recruiting,
         include: match raw.analysis.include {
             RawInclude::Completed => Include::Completed,
             RawInclude::All => Include::All,

@@ -1,7 +1,7 @@
 //! Which databases are accepted.
 
 use riskaware::clock::Clock;
-use riskaware::store::{OpenError, Options, Store};
+use riskaware::store::{OpenError, Options, Store, StudyState};
 use riskaware::study::StudyId;
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
@@ -116,14 +116,24 @@ async fn publishing_the_same_text_again_changes_nothing() {
     let mut changes = lab.store.subscribe();
     let same = lab
         .store
-        .publish(&driving, "hash of driving", "id = 'driving'")
+        .publish(
+            &driving,
+            "hash of driving",
+            "id = 'driving'",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_eq!(same, lab.driving);
     assert!(changes.try_recv().is_err());
     let newer = lab
         .store
-        .publish(&driving, "another hash", "id = 'driving' # changed")
+        .publish(
+            &driving,
+            "another hash",
+            "id = 'driving' # changed",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_ne!(newer, lab.driving);
@@ -150,7 +160,12 @@ async fn publishing_the_same_text_again_changes_nothing() {
     );
     let back = lab
         .store
-        .publish(&driving, "hash of driving", "id = 'driving'")
+        .publish(
+            &driving,
+            "hash of driving",
+            "id = 'driving'",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_eq!(
