@@ -110,7 +110,8 @@ struct Shared {
     health: writer::Health,
     close: CancellationToken,
     writer: Mutex<Option<JoinHandle<()>>>,
-    _lock: Lock,
+    /// None beside a server, which holds it.
+    _lock: Option<Lock>,
 }
 
 /// Something that the pages of a study show has changed.
@@ -206,6 +207,32 @@ impl Store {
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
         open::migrate(&path).await?;
+        Self::set_up(Options { path, ..options }, clock, Some(lock)).await
+    }
+
+    /// Opens a database that a server may be serving meanwhile: for commands that write.
+    ///
+    /// Nothing is locked and nothing is migrated, so a database of another schema than this program's is refused, and
+    /// so is a file that is not there. Each change is one immediate transaction of the same functions that the
+    /// server's writer calls; [`Store::close`] waits until all are on disk.
+    ///
+    /// # Errors
+    /// When the database is missing, of another schema, or cannot keep what the server promises; see [`OpenError`].
+    pub async fn open_beside(path: impl Into<PathBuf>, clock: Clock) -> Result<Self, OpenError> {
+        let path = path.into();
+        open::require_file(&path)?;
+        disk::require_trustworthy(&path)?;
+        open::require_schema(&path).await?;
+        let options = Options {
+            readers: 1,
+            ..Options::at(path)
+        };
+        Self::set_up(options, clock, None).await
+    }
+
+    /// Starts the writer and the readers on a database of the current schema.
+    async fn set_up(options: Options, clock: Clock, lock: Option<Lock>) -> Result<Self, OpenError> {
+        let path = options.path;
         let mut connection = open::writing_connection(&path).await?;
         let secret = open::secret(&mut connection, &path, clock.now()).await?;
         let pool = open::reading_pool(&path, options.readers).await?;
