@@ -10,10 +10,12 @@
 //! * `job`, `writer`: the queue, the group commit, what happens when the disk fails,
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
+//! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
 //!   tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
+mod accounts;
 mod answers;
 mod batch;
 mod check;
@@ -30,6 +32,7 @@ mod names;
 mod open;
 mod rules;
 mod runs;
+mod sharing;
 mod studies;
 mod token;
 mod withdraw;
@@ -46,6 +49,11 @@ use tokio::sync::{Mutex, broadcast, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+pub use accounts::{
+    Account, AccountName, AccountNameError, ApiToken, AuditEntry, AuditRow, NewAccount,
+    NewApiToken, Password, PasswordError, PasswordHash, SESSION_IDLE_MS, SESSION_LIFE_MS, Session,
+    TokenState,
+};
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
@@ -55,8 +63,9 @@ pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
 pub use job::{AskedProblem, DrawnStep};
 pub use names::{
-    AnalysisSet, AnswerStatus, EventId, EventKind, FitId, FitState, Population, ProblemId, RunId,
-    RunState, StudyState, UnknownName, Verdict, VersionId,
+    AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
+    FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
+    Verdict, VersionId,
 };
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
