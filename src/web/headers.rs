@@ -48,8 +48,13 @@ pub(super) async fn set(
     if settings.is_https() {
         headers.insert(header::STRICT_TRANSPORT_SECURITY, STRICT_TRANSPORT);
     }
-    headers
-        .entry(header::CACHE_CONTROL)
-        .or_insert(HeaderValue::from_static("no-store"));
+    // Only files that have their hash in their address may be kept; event streams say `no-cache`, which lets be kept.
+    let is_immutable = headers
+        .get(header::CACHE_CONTROL)
+        .and_then(|cache| cache.to_str().ok())
+        .is_some_and(|cache| cache.contains("immutable"));
+    if !is_immutable {
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    }
     response
 }
