@@ -2,6 +2,7 @@
 
 use tokio::sync::oneshot;
 
+use super::accounts::AccountChange;
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
 use super::fits::NewFit;
@@ -68,6 +69,7 @@ pub(super) enum Rare {
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
+    Account(Box<AccountChange>, Timestamp, Ticket<i64>),
 }
 
 #[derive(Debug)]
@@ -201,6 +203,7 @@ impl Job {
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
         }
     }
 
@@ -220,6 +223,7 @@ impl Job {
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),
         }
     }
 }

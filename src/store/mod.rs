@@ -10,10 +10,12 @@
 //! * `job`, `writer`: the queue, the group commit, what happens when the disk fails,
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
+//! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
 //!   tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
+mod accounts;
 mod answers;
 mod batch;
 mod check;
@@ -30,6 +32,7 @@ mod names;
 mod open;
 mod rules;
 mod runs;
+mod sharing;
 mod studies;
 mod token;
 mod withdraw;
@@ -46,6 +49,11 @@ use tokio::sync::{Mutex, broadcast, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+pub use accounts::{
+    Account, AccountName, AccountNameError, ApiToken, AuditEntry, AuditRow, NewAccount,
+    NewApiToken, Password, PasswordError, PasswordHash, SESSION_IDLE_MS, SESSION_LIFE_MS, Session,
+    TokenState,
+};
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
@@ -55,8 +63,9 @@ pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
-    AnalysisSet, AnswerStatus, EventId, EventKind, FitId, FitState, Population, ProblemId, RunId,
-    RunState, StudyState, UnknownName, Verdict, VersionId,
+    AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
+    FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
+    Verdict, VersionId,
 };
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
@@ -110,7 +119,8 @@ struct Shared {
     health: writer::Health,
     close: CancellationToken,
     writer: Mutex<Option<JoinHandle<()>>>,
-    _lock: Lock,
+    /// None beside a server, which holds it.
+    _lock: Option<Lock>,
 }
 
 /// Something that the pages of a study show has changed.
@@ -217,6 +227,32 @@ impl Store {
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
         open::migrate(&path).await?;
+        Self::set_up(Options { path, ..options }, clock, Some(lock)).await
+    }
+
+    /// Opens a database that a server may be serving meanwhile: for commands that write.
+    ///
+    /// Nothing is locked and nothing is migrated, so a database of another schema than this program's is refused, and
+    /// so is a file that is not there. Each change is one immediate transaction of the same functions that the
+    /// server's writer calls; [`Store::close`] waits until all are on disk.
+    ///
+    /// # Errors
+    /// When the database is missing, of another schema, or cannot keep what the server promises; see [`OpenError`].
+    pub async fn open_beside(path: impl Into<PathBuf>, clock: Clock) -> Result<Self, OpenError> {
+        let path = path.into();
+        open::require_file(&path)?;
+        disk::require_trustworthy(&path)?;
+        open::require_schema(&path).await?;
+        let options = Options {
+            readers: 1,
+            ..Options::at(path)
+        };
+        Self::set_up(options, clock, None).await
+    }
+
+    /// Starts the writer and the readers on a database of the current schema.
+    async fn set_up(options: Options, clock: Clock, lock: Option<Lock>) -> Result<Self, OpenError> {
+        let path = options.path;
         let mut connection = open::writing_connection(&path).await?;
         let secret = open::secret(&mut connection, &path, clock.now()).await?;
         let pool = open::reading_pool(&path, options.readers).await?;

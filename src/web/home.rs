@@ -4,9 +4,14 @@ use std::sync::Arc;
 
 use askama::Template;
 use askama_web::WebTemplate;
-use axum::{Router, extract::State, routing::get};
+use axum::{Extension, Router, extract::State, routing::get};
 
-use super::{AppState, Error, Settings, assets};
+use super::{
+    AppState, Error, Settings,
+    access::Caller,
+    accounts::{Bar, Who},
+    assets,
+};
 use crate::{
     jobs::Catalogue,
     store::{Store, StudyState},
@@ -23,6 +28,7 @@ struct HomePage {
     studies: Vec<Entry>,
     simulated: bool,
     access: &'static str,
+    bar: Bar,
 }
 
 struct Entry {
@@ -37,6 +43,7 @@ async fn home(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     State(settings): State<Arc<Settings>>,
+    Extension(caller): Extension<Caller>,
 ) -> Result<HomePage, Error> {
     let states = store.studies().await?;
     let is = |id: &StudyId, state| states.iter().any(|row| row.id == *id && row.state == state);
@@ -54,6 +61,7 @@ async fn home(
     Ok(HomePage {
         studies,
         simulated: settings.population.is_simulated(),
-        access: settings.access(),
+        access: settings.access(store.has_accounts().await?),
+        bar: Bar::of(&store, &caller).await?,
     })
 }

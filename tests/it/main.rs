@@ -1,5 +1,6 @@
 //! The integration tests, one module per feature.
 
+mod accounts;
 mod api;
 mod app;
 mod architecture;
