@@ -24,5 +24,6 @@ mod results_reading;
 mod simulation;
 mod store;
 mod study;
+mod study_folder;
 mod survey;
 mod sweep;
