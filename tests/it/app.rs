@@ -31,10 +31,18 @@ pub struct App {
 impl App {
     /// A server whose clock only moves when the test moves it.
     pub async fn start() -> Self {
-        Self::with(Clock::manual(START), built_in()).await
+        Self::with(Clock::manual(START), Self::built_in()).await
     }
 
     pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
+        Self::configured(clock, studies, Settings::default()).await
+    }
+
+    pub async fn configured(
+        clock: Clock,
+        studies: Vec<(String, String)>,
+        settings: Settings,
+    ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("riskaware.db");
         let store = Store::open(Options::at(&database), clock.clone())
@@ -47,7 +55,7 @@ impl App {
             catalogue: catalogue.clone(),
             chance: Chance::from_seed(1),
             limits: Arc::new(Limits::new(&clock, 60)),
-            settings: Arc::new(Settings::default()),
+            settings: Arc::new(settings),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(Replays::of(&catalogue)),
             stop: stop.clone(),
@@ -67,6 +75,14 @@ impl App {
             server,
             _folder: folder,
         }
+    }
+
+    /// The files of the built-in studies.
+    pub fn built_in() -> Vec<(String, String)> {
+        study::built_in()
+            .into_iter()
+            .map(|(name, text)| (name.to_owned(), text.to_owned()))
+            .collect()
     }
 
     /// Somebody who followed the study's link and pressed the button.
@@ -119,13 +135,6 @@ impl App {
         self.server.await.unwrap().unwrap();
         self.store.close().await;
     }
-}
-
-fn built_in() -> Vec<(String, String)> {
-    study::built_in()
-        .into_iter()
-        .map(|(name, text)| (name.to_owned(), text.to_owned()))
-        .collect()
 }
 
 /// An answer of the server with what a person sees in it.
