@@ -1,5 +1,6 @@
 //! The commands of the `riskaware` binary.
 
+mod accounts;
 mod calibrate;
 mod choice_files;
 mod demo;
@@ -80,6 +81,10 @@ enum Command {
     /// Open, pause or close a study
     #[command(subcommand)]
     Study(study::Command),
+    /// Make and change accounts
+    User(accounts::user::UserArgs),
+    /// Make and revoke tokens of the API
+    Token(accounts::token::TokenArgs),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -129,6 +134,8 @@ impl Command {
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Study(command) => block_on(study::run(command)),
+            Self::User(args) => block_on(accounts::user::run(args)),
+            Self::Token(args) => block_on(accounts::token::run(args)),
             Self::Health(args) => block_on(health::run(args)),
         }
     }
