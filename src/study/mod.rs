@@ -8,13 +8,14 @@
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
-//! * `draw`: a run's list of steps,
+//! * `draw`: a run's list of steps; `bonus`: what is paid for them,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
 //!   (texts),
 //! * `built_in`: the studies compiled into the program.
 
+mod bonus;
 mod built_in;
 mod cell;
 mod definition;
@@ -32,10 +33,11 @@ pub mod step;
 mod template;
 mod timing;
 
+pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonus};
 pub use built_in::built_in;
 pub use cell::{ActionLabel, Baseline, Cell};
 pub use definition::{
-    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit,
+    CompletionCode, Ending, EndingPage, Factor, Include, Level, RecruitingIds, RewardUnit,
     StatedHypothesis, Study,
 };
 pub use draw::{StepData, StepKind, StepPlan};
