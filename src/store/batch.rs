@@ -397,6 +397,9 @@ impl Batch {
                 self.effects.completed.push(id);
             }
             RunState::Declined => delta.declined += 1,
+            RunState::ScreenedOut => delta.screened_out += 1,
+            RunState::FailedCheck => delta.failed_check += 1,
+            RunState::TimedOut => delta.timed_out += 1,
             RunState::Active | RunState::Withdrawn => {}
         }
     }
@@ -429,7 +432,7 @@ impl Batch {
 fn require_open(study: &StudyId, state: StudyState) -> Result<(), Error> {
     match state {
         StudyState::Open => Ok(()),
-        StudyState::Paused | StudyState::Closed => Err(Error::Closed {
+        StudyState::Draft | StudyState::Paused | StudyState::Closed => Err(Error::Closed {
             study: study.to_string(),
             state: state.as_str(),
         }),

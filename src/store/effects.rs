@@ -133,6 +133,9 @@ pub(super) struct PopulationDelta {
     pub(super) started: u32,
     pub(super) completed: u32,
     pub(super) declined: u32,
+    pub(super) screened_out: u32,
+    pub(super) failed_check: u32,
+    pub(super) timed_out: u32,
 }
 
 impl NewAnswer {
@@ -483,6 +486,9 @@ impl Effects {
                     delta.started,
                     delta.completed,
                     delta.declined,
+                    delta.screened_out,
+                    delta.failed_check,
+                    delta.timed_out,
                 )
             })
             .collect();
@@ -493,6 +499,9 @@ impl Effects {
                 started = started + (new.value ->> 2),
                 completed = completed + (new.value ->> 3),
                 declined = declined + (new.value ->> 4),
+                screened_out = screened_out + (new.value ->> 5),
+                failed_check = failed_check + (new.value ->> 6),
+                timed_out = timed_out + (new.value ->> 7),
                 data_version = data_version + 1,
                 page_version = page_version + 1
             from json_each(?) as new

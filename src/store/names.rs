@@ -102,6 +102,8 @@ macro_rules! stored_names {
 stored_names! {
     /// Whether a study takes people in. People who are under way may finish in each of these states.
     StudyState, "study state" {
+        /// It is being prepared and takes in nobody but previews.
+        Draft = "draft",
         /// It takes people in.
         Open = "open",
         /// It does not for now.
@@ -117,6 +119,12 @@ stored_names! {
         Completed = "completed",
         /// The person did not consent.
         Declined = "declined",
+        /// An answer showed that the study is not meant for the person.
+        ScreenedOut = "screened_out",
+        /// A comprehension or attention check was failed for good.
+        FailedCheck = "failed_check",
+        /// The run was not finished within its time, and its place was given back.
+        TimedOut = "timed_out",
         /// The person withdrew, and their data are erased.
         Withdrawn = "withdrawn",
     }
@@ -141,6 +149,8 @@ stored_names! {
         TimedOut = "timed_out",
         /// It closed the step, as skipped; so far only data from elsewhere have it.
         Skipped = "skipped",
+        /// A comprehension check was answered wrongly and may be tried again: the step goes on.
+        Wrong = "wrong",
         /// The page said that the time had run out, but it had not: the question goes on.
         Early = "early",
         /// The step was closed already; the first answer stands.
@@ -160,6 +170,8 @@ stored_names! {
         Submitted = "submitted",
         /// The server closed a timed question that nobody answered.
         RanOut = "ran_out",
+        /// The server ended the run before its last step.
+        Ended = "ended",
         /// The person withdrew: everything else about the run is gone.
         Erased = "erased",
     }

@@ -66,6 +66,13 @@ impl Body {
     }
 }
 
+/// What is kept of the end of a run that the server ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct EndedBody {
+    /// How it ended.
+    pub(super) state: RunState,
+}
+
 /// Why a form is refused. Nothing is stored of it.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub(super) enum Refusal {
@@ -103,7 +110,7 @@ pub(super) struct RunFacts {
     pub(super) shown_at: Option<Timestamp>,
     /// The last moment at which its answer counts.
     pub(super) deadline: Option<Timestamp>,
-    /// When the run was completed or declined, if that has just happened.
+    /// When the run ended, if that has just happened.
     pub(super) ended_at: Option<Timestamp>,
     pub(super) factor: TimeFactor,
     pub(super) is_preview: bool,
@@ -276,8 +283,11 @@ impl RunFacts {
         }
     }
 
-    fn end(&mut self, state: RunState, at: Timestamp) {
+    /// The run ends, at whatever step it is.
+    pub(super) fn end(&mut self, state: RunState, at: Timestamp) {
         self.state = state;
+        self.shown_at = None;
+        self.deadline = None;
         self.ended_at = Some(at);
     }
 

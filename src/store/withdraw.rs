@@ -80,6 +80,9 @@ pub(super) async fn erase(
         set
             completed = completed - (?2 = 'completed'),
             declined = declined - (?2 = 'declined'),
+            screened_out = screened_out - (?2 = 'screened_out'),
+            failed_check = failed_check - (?2 = 'failed_check'),
+            timed_out = timed_out - (?2 = 'timed_out'),
             withdrawn = withdrawn + 1,
             data_version = data_version + 1,
             page_version = page_version + 1

@@ -52,7 +52,7 @@ pub(super) async fn answer(
     let token = read_token(&token)?;
     let Form(fields) = form.map_err(unreadable)?;
     let run = pages.store.run(&token).await?;
-    if run.state == RunState::Withdrawn {
+    if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
     let position = field(&fields, "step")?
@@ -86,6 +86,7 @@ pub(super) async fn answer(
         | Verdict::Late
         | Verdict::TimedOut
         | Verdict::Skipped
+        | Verdict::Wrong
         | Verdict::Early
         | Verdict::Retry => StatusCode::OK,
     };
@@ -276,6 +277,21 @@ impl RunPages {
         match (run.state, step) {
             (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
             (RunState::Declined, _) => declined(&study),
+            (RunState::ScreenedOut, _) => Ok(ended_early(
+                "You cannot take part",
+                "The study needs other participants than you are, as your answers told. Thank you for your time.",
+            )
+            .into_response()),
+            (RunState::FailedCheck, _) => Ok(ended_early(
+                "The study ends here for you",
+                "A question about the instructions was not answered as they say. Thank you for your time.",
+            )
+            .into_response()),
+            (RunState::TimedOut, _) => Ok(ended_early(
+                "The time for this study is over",
+                "The study was not finished in time, and your place went to somebody else. What you answered is stored, and is not counted as a finished run.",
+            )
+            .into_response()),
             (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
                 self.thanks(token, run, &study).await
             }
@@ -356,6 +372,14 @@ impl RunPages {
             outcome,
         }
         .into_response())
+    }
+}
+
+/// What somebody is shown whose run ended before its last step, then and whenever they come back.
+fn ended_early(title: &str, text: &str) -> NotePage {
+    NotePage {
+        title: title.to_owned(),
+        text_html: format!("<p>{text}</p>"),
     }
 }
 

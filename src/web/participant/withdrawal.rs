@@ -26,9 +26,12 @@ pub(super) async fn ask(
     }
     Ok(match run.state {
         RunState::Withdrawn => withdrawn().into_response(),
-        RunState::Active | RunState::Completed | RunState::Declined => {
-            WithdrawPage { token }.into_response()
-        }
+        RunState::Active
+        | RunState::Completed
+        | RunState::Declined
+        | RunState::ScreenedOut
+        | RunState::FailedCheck
+        | RunState::TimedOut => WithdrawPage { token }.into_response(),
     })
 }
 
