@@ -10,12 +10,13 @@
 //! * `job`, `writer`: the queue, the group commit, what happens when the disk fails,
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
-//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
-//!   tables,
+//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
+//!   group of tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod answers;
 mod batch;
+mod bonuses;
 mod check;
 mod checkpoints;
 mod comparisons;
@@ -47,6 +48,7 @@ use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
+pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};

@@ -24,6 +24,7 @@ fn run() -> RunFacts {
         position: 0,
         shown_at: None,
         deadline: None,
+        attempts: 0,
         ended_at: None,
         factor: TimeFactor::ONE,
         is_preview: false,
@@ -55,6 +56,7 @@ fn says(position: u32, reply: Reply) -> Submission {
         reply,
         timing,
         consent_version: None,
+        assessment: Assessment::Passes,
     }
 }
 

@@ -84,7 +84,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
         asked,
         fit,
     };
-    whole(text, raw, design, parts).map_err(|fault| one(document.refuse(&fault)))
+    whole(text, &raw, design, parts).map_err(|fault| one(document.refuse(&fault)))
 }
 
 /// What was read part by part.
@@ -96,7 +96,12 @@ struct Parts {
 }
 
 /// What the parts amount to.
-fn whole(text: &str, raw: RawStudy, design: Design<'_>, parts: Parts) -> Result<Study, Fault> {
+fn whole(
+    text: &str,
+    raw: &RawStudy,
+    design: Design<'_>,
+    parts: Parts,
+) -> Result<Study, Fault> {
     let Parts {
         endings,
         bonus,
@@ -124,15 +129,15 @@ fn whole(text: &str, raw: RawStudy, design: Design<'_>, parts: Parts) -> Result<
     Ok(Study {
         text: text.to_owned(),
         hash: data_encoding::HEXLOWER.encode(&Sha256::digest(text)),
-        id: StudyId::from(raw.id),
-        title: raw.title,
-        summary: raw.summary,
+        id: StudyId::from(raw.id.as_str()),
+        title: raw.title.clone(),
+        summary: raw.summary.clone(),
         minutes: raw.minutes,
-        contact: raw.contact,
+        contact: raw.contact.clone(),
         reward_unit: RewardUnit {
-            name: raw.reward_unit.name,
-            prefix: raw.reward_unit.prefix,
-            suffix: raw.reward_unit.suffix,
+            name: raw.reward_unit.name.clone(),
+            prefix: raw.reward_unit.prefix.clone(),
+            suffix: raw.reward_unit.suffix.clone(),
         },
         reference_reward,
         factors,

@@ -9,7 +9,7 @@ use riskaware::store::{
     AnswerStatus, AskedProblem, CellCount, DrawnStep, Error, NewArrival, NewRun, Options,
     Population, RunId, Started, Store, Submission, Submitted, Token, Verdict, VersionId,
 };
-use riskaware::study::step::ClientTiming;
+use riskaware::study::step::{Assessment, ClientTiming};
 use riskaware::study::{
     ActionId, BlockId, QuestionId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor,
     Timestamp,
@@ -241,6 +241,7 @@ pub fn form(position: u32, key: &str, reply: Reply) -> Submission {
         reply,
         timing: ClientTiming::default(),
         consent_version,
+        assessment: Assessment::Passes,
     }
 }
 
