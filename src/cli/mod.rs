@@ -16,6 +16,7 @@ mod predict;
 mod recover;
 mod serve;
 pub mod simulation;
+mod study;
 mod sweep;
 mod sweep_drawing;
 mod sweep_text;
@@ -76,6 +77,8 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
+    /// Begin a study file, or check one
+    Study(study::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -124,6 +127,7 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Study(arguments) => study::run(arguments),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

@@ -153,10 +153,9 @@ impl NewAnswer {
             Some((Reply::Filled { values }, _)) => (None, Some(filled(values, closed.attempts))),
             Some((Reply::Watched { viewings }, _)) => (None, Some(json(viewings))),
             Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref(), None))),
-            Some((Reply::AgreedTo { clauses }, version)) => (
-                None,
-                Some(consent(true, version.as_deref(), Some(clauses))),
-            ),
+            Some((Reply::AgreedTo { clauses }, version)) => {
+                (None, Some(consent(true, version.as_deref(), Some(clauses))))
+            }
             Some((Reply::Declined, version)) => {
                 (None, Some(consent(false, version.as_deref(), None)))
             }

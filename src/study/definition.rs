@@ -6,8 +6,8 @@ use super::step::{
     ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
 };
 use super::{
-    Baseline, BlockId, Bonus, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
-    Sequential, StudyId, parse,
+    Baseline, BlockId, Bonus, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure,
+    ParseError, Sequential, StudyId, parse,
 };
 use crate::model::ChoiceModel;
 

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use rand::{Rng, RngExt};
 use rand::seq::SliceRandom;
+use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use super::definition::{BlockBody, Choices, Order, Study, Unit};

@@ -13,6 +13,7 @@
 //! * `timing`: the rules of time limits,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
 //!   (texts),
+//! * `outline`: what a run consists of and how long it takes,
 //! * `built_in`: the studies compiled into the program.
 
 mod bonus;
@@ -26,6 +27,7 @@ mod file;
 mod id;
 mod instructed;
 mod markup;
+mod outline;
 mod parse;
 mod plan;
 mod sequential;
@@ -34,7 +36,7 @@ mod template;
 mod timing;
 
 pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonus};
-pub use built_in::built_in;
+pub use built_in::{built_in, starter};
 pub use cell::{ActionLabel, Baseline, Cell};
 pub use definition::{
     CompletionCode, Ending, EndingPage, Factor, Include, Level, RecruitingIds, RewardUnit,
@@ -46,6 +48,7 @@ pub use id::{
     ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, ReplayId, StudyId,
 };
 pub use instructed::InstructedItem;
+pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };

@@ -7,7 +7,10 @@ use rand_chacha::ChaCha12Rng;
 use riskaware::{
     jobs::{self, Catalogue},
     store::{Change, NewArrival, NewRun, Population, Store, Submission, Token, draw_run},
-    study::{ActionId, Reply, Step, StudyId, TimeFactor, step::{Assessment, ClientTiming}},
+    study::{
+        ActionId, Reply, Step, StudyId, TimeFactor,
+        step::{Assessment, ClientTiming},
+    },
 };
 use tokio::sync::broadcast::error::RecvError;
 use tokio_util::sync::CancellationToken;

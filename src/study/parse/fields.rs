@@ -386,9 +386,7 @@ fn stored(answer: &RawAnswer, kind: &FieldKind, at: &KeyPath) -> Result<Value, F
             Ok(Value::from(*number))
         }
         (FieldKind::Choice { .. }, _) => Err(at.fault("no option's id", "the id of one option")),
-        (FieldKind::Choices { .. }, _) => {
-            Err(at.fault("no list of ids", "a list of options' ids"))
-        }
+        (FieldKind::Choices { .. }, _) => Err(at.fault("no list of ids", "a list of options' ids")),
         (FieldKind::Integer { min, max }, _) => {
             let allowed = format!("a whole number from {min} to {max}");
             Err(at.fault("another value", allowed))

@@ -96,12 +96,7 @@ struct Parts {
 }
 
 /// What the parts amount to.
-fn whole(
-    text: &str,
-    raw: &RawStudy,
-    design: Design<'_>,
-    parts: Parts,
-) -> Result<Study, Fault> {
+fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result<Study, Fault> {
     let Parts {
         endings,
         bonus,

@@ -107,7 +107,10 @@ impl ConsentStep<'_> {
             .filter(|clause| clause.required && !is_ticked(clause))
             .map(|clause| FieldError {
                 field: format!("clause-{}", clause.id),
-                message: format!("Nobody can take part without agreeing to this: {}", clause.text),
+                message: format!(
+                    "Nobody can take part without agreeing to this: {}",
+                    clause.text
+                ),
             })
             .collect();
         if !missing.is_empty() {

@@ -23,7 +23,10 @@ use super::{
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
+    store::{
+        PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token,
+        Verdict,
+    },
     study::{
         CompletionCode, Ending, Step, StepPlan, Study,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
