@@ -77,7 +77,7 @@ pub struct StepView {
 /// Whether all answers of a run that has ended are there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StoredCount {
-    /// Steps that were closed: in a completed run, all that ask or tell something.
+    /// Steps that ask or tell something; in a run that ended before its last step, those up to its end.
     pub steps: u32,
     /// Answers stored for them.
     pub answers: u32,
@@ -292,8 +292,11 @@ impl Store {
                 (
                     select count(*)
                     from run
-                    join step on step.run_id = run.id and step.position < run.position
-                    where run.id = ?1 and step.kind <> 'thanks'
+                    join step on step.run_id = run.id
+                    where run.id = ?1
+                    and step.kind <> 'thanks'
+                    -- what a run that ended early never came to is not missing
+                    and (run.state in ('active', 'completed') or step.position < run.position)
                 ),
                 (select count(*) from answer where run_id = ?1)
             "#,

@@ -3,6 +3,7 @@
 mod api;
 mod app;
 mod architecture;
+mod building_blocks;
 mod calibrate;
 mod catalogue;
 mod comparison;
@@ -22,5 +23,6 @@ mod results_reading;
 mod simulation;
 mod store;
 mod study;
+mod study_command;
 mod survey;
 mod sweep;
