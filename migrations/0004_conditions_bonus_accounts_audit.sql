@@ -127,6 +127,8 @@ create table account (
     -- Argon2id in PHC form.
     password_hash text not null,
     role text not null,
+    -- Whether the password was chosen by somebody else and is only good for choosing another one.
+    must_change_password integer not null default 0 check (must_change_password in (0, 1)),
     created_at_ms integer not null,
     -- Since when it opens nothing any more. An account is never removed, because the log names it.
     disabled_at_ms integer

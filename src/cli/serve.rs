@@ -2,7 +2,7 @@
 
 use std::{
     io::Write,
-    net::SocketAddr,
+    net::{IpAddr, SocketAddr},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -16,9 +16,9 @@ use crate::{
     chance::Chance,
     clock::Clock,
     jobs::{self, Catalogue, Sweeps},
-    store::{Options, Population, Store},
+    store::{Options, Population, Store, Token},
     study,
-    web::{self, AppState, Replays, Settings},
+    web::{self, AppState, Limits, PublicUrl, Replays, Settings},
 };
 
 /// Settings of the server.
@@ -36,6 +36,21 @@ pub struct ServeArgs {
     /// Show results and API to everybody who can reach the server, not to this machine alone
     #[arg(long, env = "RISKAWARE_OPEN_RESULTS", value_parser = clap::builder::FalseyValueParser::new())]
     pub open_results: bool,
+    /// The address under which others reach the server, such as https://study.example.org: links are printed with it,
+    /// and with https cookies and browsers are bound to it
+    #[arg(long, env = "RISKAWARE_PUBLIC_URL")]
+    pub public_url: Option<PublicUrl>,
+    /// The address of a proxy that is believed when it says in X-Forwarded-For whom a request is from; may be repeated
+    #[arg(
+        long = "trusted-proxy",
+        value_name = "ADDRESS",
+        env = "RISKAWARE_TRUSTED_PROXIES",
+        value_delimiter = ','
+    )]
+    pub trusted_proxies: Vec<IpAddr>,
+    /// How many people may start per minute from one address; a campus may share one
+    #[arg(long, env = "RISKAWARE_STARTS_PER_MINUTE", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub starts_per_minute: u32,
 }
 
 impl ServeArgs {
@@ -46,6 +61,9 @@ impl ServeArgs {
             database,
             studies: None,
             open_results: false,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            starts_per_minute: 60,
         }
     }
 }
@@ -57,7 +75,8 @@ impl ServeArgs {
 pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
     let server = Server::open(&args, Population::People).await?;
     let address = server.listener.local_addr()?;
-    announce(address, &args, &server.state)?;
+    let setup_link = setup_link(&server.state).await?;
+    announce(address, &args, &server.state, setup_link.as_ref())?;
     server.run(asked_to_stop()?).await
 }
 
@@ -87,15 +106,19 @@ impl Server {
             .compute()
             .map_err(|(id, error)| anyhow::Error::from(error).context(format!("replay {id}")))?;
         let stop = CancellationToken::new();
+        let limits = Arc::new(Limits::new(store.clock(), args.starts_per_minute));
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(replays),
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),
+            limits,
             settings: Arc::new(Settings {
                 open_results: args.open_results,
                 population,
+                public_url: args.public_url.clone(),
+                trusted_proxies: args.trusted_proxies.clone(),
             }),
             stop,
         };
@@ -153,8 +176,26 @@ fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
     Ok(files)
 }
 
+/// A new link with which the first account can be made; none once an account exists.
+async fn setup_link(state: &AppState) -> anyhow::Result<Option<Token>> {
+    let link = Token::random(&mut state.chance.fork());
+    let is_open = state
+        .store
+        .renew_setup_link(&link)
+        .await
+        .context("making the setup link")?;
+    Ok(is_open.then_some(link))
+}
+
 /// Says where everything is, on standard output: the log goes to standard error.
-fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::Result<()> {
+fn announce(
+    address: SocketAddr,
+    args: &ServeArgs,
+    state: &AppState,
+    setup_link: Option<&Token>,
+) -> anyhow::Result<()> {
+    let public_url = args.public_url.as_ref();
+    let url = public_url.map_or_else(|| format!("http://{address}"), ToString::to_string);
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
@@ -163,14 +204,13 @@ fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::
     )?;
     writeln!(out, "  database      {}", args.database.display())?;
     for study in state.catalogue.studies() {
-        writeln!(out, "  take part     http://{address}/s/{}", study.id())?;
-        writeln!(
-            out,
-            "  results       http://{address}/results/{}",
-            study.id()
-        )?;
+        writeln!(out, "  take part     {url}/s/{}", study.id())?;
+        writeln!(out, "  results       {url}/results/{}", study.id())?;
     }
-    writeln!(out, "  {}", state.settings.access())?;
+    if let Some(link) = setup_link {
+        writeln!(out, "  set up        {url}/setup/{link}")?;
+    }
+    writeln!(out, "  {}", state.settings.access(setup_link.is_none()))?;
     out.flush()?;
     Ok(())
 }

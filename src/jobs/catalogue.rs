@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, VersionId},
+    store::{self, Store, StudyState, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
@@ -60,7 +60,7 @@ impl Catalogue {
         };
         for study in studies {
             let version = store
-                .publish(study.id(), study.hash(), study.text())
+                .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
                 .await?;
             catalogue.add_earlier(store, &study, version).await?;
             let study = Arc::new(study);
@@ -141,6 +141,15 @@ impl Catalogue {
     /// The current versions, in the order in which the files were given.
     pub fn studies(&self) -> impl Iterator<Item = &Arc<Study>> {
         self.current.iter().map(|(_, study)| study)
+    }
+}
+
+/// A study whose file does not say that it is open is a draft until somebody opens it.
+fn state_if_new(study: &Study) -> StudyState {
+    if study.is_open_at_first() {
+        StudyState::Open
+    } else {
+        StudyState::Draft
     }
 }
 

@@ -212,6 +212,7 @@ async fn at_start(
         shown_at: None,
         deadline: None,
         attempts: 0,
+        expires_at: None,
         ended_at: None,
         factor: time_factor(factor)?,
         is_preview,

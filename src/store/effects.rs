@@ -13,7 +13,7 @@ use super::{
     AnswerStatus, Change, EventId, Population, ProblemId, RunId, Verdict, VersionId, json,
 };
 use crate::study::step::FormStep;
-use crate::study::{Reply, StudyId, Timestamp};
+use crate::study::{ConditionId, Reply, StudyId, Timestamp};
 
 #[derive(Debug, Default)]
 pub(super) struct Effects {
@@ -44,6 +44,7 @@ pub(super) struct NewArrivalRow {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) is_preview: bool,
     pub(super) at: i64,
 }
 
@@ -59,6 +60,8 @@ pub(super) struct NewRunRow {
     pub(super) is_simulated: bool,
     pub(super) is_preview: bool,
     pub(super) time_factor: f64,
+    pub(super) condition: Option<ConditionId>,
+    pub(super) expires_at: Option<i64>,
     pub(super) at: i64,
 }
 
@@ -228,10 +231,12 @@ impl Effects {
         }
         sqlx::query(
             r#"
-            insert into arrival (token_hash, study_id, platform, platform_key, recruiting, source, created_at_ms)
+            insert into arrival (
+                token_hash, study_id, platform, platform_key, recruiting, source, is_preview, created_at_ms
+            )
             select
                 unhex(value ->> 'token'), value ->> 'study_id', value ->> 'platform', value ->> 'platform_key',
-                value ->> 'recruiting', value ->> 'source', value ->> 'at'
+                value ->> 'recruiting', value ->> 'source', value ->> 'is_preview', value ->> 'at'
             from json_each(?)
             "#,
         )
@@ -249,7 +254,7 @@ impl Effects {
             r#"
             insert into run (
                 id, study_id, version_id, state, position, platform, platform_key, recruiting, source,
-                is_simulated, is_preview, time_factor, started_at_ms
+                is_simulated, is_preview, time_factor, condition, expires_at_ms, started_at_ms
             )
             select
                 new.value ->> 'id', new.value ->> 'study_id',
@@ -262,7 +267,8 @@ impl Effects {
                 ),
                 'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
                 new.value ->> 'source', new.value ->> 'is_simulated', new.value ->> 'is_preview',
-                new.value ->> 'time_factor', new.value ->> 'at'
+                new.value ->> 'time_factor', new.value ->> 'condition', new.value ->> 'expires_at',
+                new.value ->> 'at'
             from json_each(?) as new
             "#,
         )

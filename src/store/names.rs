@@ -45,6 +45,10 @@ row_ids! {
     EventId,
     /// A fit of one model to one part of a plan.
     FitId,
+    /// Somebody who can log in.
+    AccountId,
+    /// A token of the API.
+    ApiTokenId,
 }
 
 /// A stored name that this program does not know: the database was written by a later version.
@@ -183,6 +187,31 @@ stored_names! {
         Unconverged = "unconverged",
         /// It broke off with a message.
         Failed = "failed",
+    }
+    /// What an account may do.
+    Role, "role" {
+        /// Everything, accounts and the log included.
+        Admin = "admin",
+        /// Results, data, and changes of studies.
+        Researcher = "researcher",
+        /// Results.
+        Viewer = "viewer",
+    }
+    /// What a token of the API may be used for.
+    Scope, "scope" {
+        /// To read results: counts, fits, curves.
+        Results = "results",
+        /// To read what each person answered.
+        Data = "data",
+        /// To change studies.
+        Manage = "manage",
+    }
+    /// Whether somebody was let do what they tried.
+    AuditOutcome, "outcome" {
+        /// They did it.
+        Done = "done",
+        /// They were not let.
+        Refused = "refused",
     }
 }
 

@@ -12,6 +12,8 @@
 //!    goes on, as the study says. An answer of somebody whom the study does not look for ends the run.
 //! 5. A closed step leads to the next. Where that one is timed and of the same block, its clock starts at once,
 //!    because the page that follows shows it.
+//! 6. A run that has an end and is not finished by then is ended by the sweep. An answer that comes before the sweep
+//!    still counts.
 
 use std::collections::VecDeque;
 
@@ -120,6 +122,8 @@ pub(super) struct RunFacts {
     pub(super) deadline: Option<Timestamp>,
     /// How often the current step was answered wrongly.
     pub(super) attempts: u32,
+    /// When the run gives its place back if it is not finished.
+    pub(super) expires_at: Option<Timestamp>,
     /// When the run ended, if that has just happened.
     pub(super) ended_at: Option<Timestamp>,
     pub(super) factor: TimeFactor,
@@ -266,6 +270,16 @@ impl RunFacts {
         let deadline = self.deadline?;
         let is_over = at.0 > deadline.0.saturating_add(slack_ms);
         (self.state == RunState::Active && is_over).then(|| self.close(AnswerStatus::TimedOut, at))
+    }
+
+    /// Ends the run if it was not finished in its time. What was answered stays.
+    pub(super) fn expire(&mut self, at: Timestamp) -> bool {
+        let is_over = self.expires_at.is_some_and(|expires_at| at > expires_at);
+        let ends = self.state == RunState::Active && is_over;
+        if ends {
+            self.end(RunState::TimedOut, at);
+        }
+        ends
     }
 
     fn has_run_out(&self, step: &StepFacts, at: Timestamp) -> bool {

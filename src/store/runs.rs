@@ -1,17 +1,20 @@
 //! Arrivals and runs, as the pages of a participant need them.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use data_encoding::HEXLOWER;
 use rand::Rng;
+use rand::seq::SliceRandom;
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteConnection;
 
-use super::job::{AskedProblem, DrawnStep};
-use super::load::{step_kind, time_factor};
+use super::job::{AskedProblem, CandidateRun, DrawnStep};
+use super::load::{self, step_kind, time_factor};
 use super::{Error, Population, RunId, RunState, Store, Token, VersionId, json};
 use crate::model::ChoiceProblem;
 use crate::study::{
-    BlockId, DEFAULT_GRACE_MS, Deadline, QuestionId, Step, StepError, StepPlan, Study, StudyId,
-    TimeFactor, Timestamp,
+    BlockId, Condition, ConditionId, DEFAULT_GRACE_MS, Deadline, QuestionId, Step, StepError,
+    StepPlan, Study, StudyId, TimeFactor, Timestamp,
 };
 
 /// How long the button of a landing page works: a day.
@@ -95,16 +98,39 @@ impl StoredCount {
     }
 }
 
-/// Draws the steps of one run, with the problems that its choices put before the person.
+/// Draws the steps of one run, with the problems that its choices put before the person: once for each condition, in
+/// random order, so that of equally filled conditions chance decides.
 ///
 /// # Errors
 /// When the study cannot make a step of what it drew itself.
-pub fn draw_run(study: &Study, rng: &mut impl Rng) -> Result<Vec<DrawnStep>, StepError> {
-    study
-        .draw_steps(rng)
+pub fn draw_run(study: &Study, rng: &mut impl Rng) -> Result<Vec<CandidateRun>, StepError> {
+    if study.conditions().is_empty() {
+        return Ok(vec![candidate(study, None, rng)?]);
+    }
+    let candidates: Result<Vec<CandidateRun>, StepError> = study
+        .conditions()
+        .iter()
+        .map(|condition| candidate(study, Some(condition), rng))
+        .collect();
+    let mut candidates = candidates?;
+    candidates.shuffle(rng);
+    Ok(candidates)
+}
+
+fn candidate(
+    study: &Study,
+    condition: Option<&Condition>,
+    rng: &mut impl Rng,
+) -> Result<CandidateRun, StepError> {
+    let steps: Result<Vec<DrawnStep>, StepError> = study
+        .draw_steps(condition, rng)
         .into_iter()
         .map(|plan| drawn_step(study, plan))
-        .collect()
+        .collect();
+    Ok(CandidateRun {
+        condition: condition.map(|condition| condition.id.clone()),
+        steps: steps?,
+    })
 }
 
 fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
@@ -307,13 +333,34 @@ impl Store {
         Ok(StoredCount { steps, answers })
     }
 
-    /// Whether a timed question waits to be closed.
+    /// How many people are under way or have completed, by condition, in the order of the conditions' ids.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn places_taken(
+        &self,
+        study: &StudyId,
+        population: Population,
+    ) -> Result<BTreeMap<Option<ConditionId>, u64>, Error> {
+        let mut connection = self.pool.acquire().await?;
+        let studies = BTreeSet::from([(study.clone(), population)]);
+        let places = load::places(&mut connection, &studies).await?;
+        Ok(places
+            .into_iter()
+            .map(|(place, taken)| (place.condition, taken))
+            .collect())
+    }
+
+    /// Whether a timed question waits to be closed, or a run to be ended.
     pub(super) async fn is_anything_overdue(&self, now: Timestamp) -> Result<bool, Error> {
-        let before = now.0 - super::rules::SWEEP_SLACK_MS;
         Ok(sqlx::query_scalar(
-            "select exists (select 1 from run where deadline_ms < ? and state = 'active')",
+            r#"
+            select exists (select 1 from run where deadline_ms < ? and state = 'active')
+            or exists (select 1 from run where expires_at_ms < ? and state = 'active')
+            "#,
         )
-        .bind(before)
+        .bind(now.0 - super::rules::SWEEP_SLACK_MS)
+        .bind(now.0)
         .fetch_one(&self.pool)
         .await?)
     }

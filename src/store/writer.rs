@@ -14,7 +14,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
-use super::{Change, Error, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw};
+use super::{
+    Change, Error, accounts, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw,
+};
 
 /// How many jobs one commit takes at most.
 pub(super) const BATCH: usize = 512;
@@ -315,6 +317,10 @@ async fn write_rare(
         }
         Rare::ForgetArrivals(before, ticket) => {
             ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
+            Ok(Vec::new())
+        }
+        Rare::Account(change, at, ticket) => {
+            ticket.hold(accounts::write(connection, change, *at).await?);
             Ok(Vec::new())
         }
     }

@@ -6,8 +6,8 @@ use super::step::{
     ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
 };
 use super::{
-    Baseline, BlockId, Bonus, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure,
-    ParseError, Sequential, StudyId, parse,
+    Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, LevelId,
+    PaperFigure, ParseError, Recruiting, Sequential, StudyId, parse,
 };
 use crate::model::ChoiceModel;
 
@@ -31,7 +31,9 @@ pub struct Study {
     pub(super) baseline_share: Option<f64>,
     pub(super) endings: Endings,
     pub(super) bonus: Option<Bonus>,
-    pub(super) recruiting_ids: RecruitingIds,
+    pub(super) is_open_at_first: bool,
+    pub(super) conditions: Vec<Condition>,
+    pub(super) recruiting: Recruiting,
     pub(super) include: Include,
     pub(super) blind_until: Option<u64>,
     pub(super) hypothesis: Option<StatedHypothesis>,
@@ -176,9 +178,20 @@ impl Study {
         })
     }
 
-    /// How the ids that recruiting platforms send are stored.
-    pub fn recruiting_ids(&self) -> RecruitingIds {
-        self.recruiting_ids
+    /// Whether it takes people in as soon as it is first loaded; else it begins as a draft.
+    pub fn is_open_at_first(&self) -> bool {
+        self.is_open_at_first
+    }
+
+    /// The conditions between which people are divided, the first factor changing slowest; none in a study whose
+    /// people all meet the same.
+    pub fn conditions(&self) -> &[Condition] {
+        &self.conditions
+    }
+
+    /// Who is taken in, when, and for how long.
+    pub fn recruiting(&self) -> &Recruiting {
+        &self.recruiting
     }
 
     /// Whose answers are analysed.
@@ -256,8 +269,21 @@ pub struct Factor {
     pub id: FactorId,
     /// Its text on pages.
     pub label: String,
+    /// Whether each person meets all of its levels or one.
+    pub assign: Assign,
     /// Its levels, in file order; at least one.
     pub levels: Vec<Level>,
+}
+
+/// How the levels of a factor meet people.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Assign {
+    /// Each person meets every level.
+    #[default]
+    Within,
+    /// Each person meets one level, the same throughout.
+    Between,
 }
 
 /// A level of a factor.
@@ -321,15 +347,6 @@ pub enum CompletionCode {
     PerRun,
     /// There is none.
     Absent,
-}
-
-/// How the ids that recruiting platforms send are stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecruitingIds {
-    /// Under a keyed hash.
-    Hashed,
-    /// As they are.
-    Plain,
 }
 
 /// Whose answers are analysed.

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::definition::Order;
+use super::Device;
+use super::definition::{Assign, Order};
 use super::step::AfterFailure;
 use super::template::{Scalar, Values};
 use crate::planning::table::{Outcome, Tower};
@@ -15,6 +16,8 @@ use crate::planning::table::{Outcome, Tower};
 #[serde(deny_unknown_fields)]
 pub(super) struct RawStudy {
     pub(super) format: i64,
+    #[serde(default)]
+    pub(super) open: bool,
     pub(super) id: String,
     pub(super) title: String,
     pub(super) summary: String,
@@ -60,6 +63,8 @@ pub(super) struct RawRewardUnit {
 pub(super) struct RawFactor {
     pub(super) id: String,
     pub(super) label: String,
+    #[serde(default)]
+    pub(super) assign: Assign,
     pub(super) level: Vec<RawLevel>,
 }
 
@@ -137,6 +142,8 @@ pub(super) struct RawInfo {
     pub(super) text: String,
     pub(super) scene: Option<String>,
     pub(super) button: String,
+    #[serde(default)]
+    pub(super) when: BTreeMap<String, String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -336,6 +343,23 @@ pub(super) struct RawBonus {
 pub(super) struct RawRecruiting {
     #[serde(default)]
     pub(super) ids: RawIds,
+    pub(super) quota: Option<u32>,
+    pub(super) opens: Option<toml::value::Datetime>,
+    pub(super) closes: Option<toml::value::Datetime>,
+    pub(super) devices: Option<Vec<Device>>,
+    pub(super) time_limit_min: Option<u32>,
+    pub(super) retention: Option<toml::value::Datetime>,
+    #[serde(default)]
+    pub(super) filters: Vec<String>,
+    #[serde(default)]
+    pub(super) mturk: RawMturk,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawMturk {
+    #[serde(default)]
+    pub(super) frame: bool,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]

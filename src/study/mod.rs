@@ -8,6 +8,7 @@
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
+//! * `condition`: what differs between people; `recruiting`: who is taken in,
 //! * `draw`: a run's list of steps; `bonus`: what is paid for them,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
@@ -19,6 +20,7 @@
 mod bonus;
 mod built_in;
 mod cell;
+mod condition;
 mod definition;
 mod document;
 mod draw;
@@ -30,6 +32,7 @@ mod markup;
 mod outline;
 mod parse;
 mod plan;
+mod recruiting;
 mod sequential;
 pub mod step;
 mod template;
@@ -38,8 +41,9 @@ mod timing;
 pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonus};
 pub use built_in::{built_in, starter};
 pub use cell::{ActionLabel, Baseline, Cell};
+pub use condition::{Condition, ConditionId};
 pub use definition::{
-    CompletionCode, Ending, EndingPage, Factor, Include, Level, RecruitingIds, RewardUnit,
+    Assign, CompletionCode, Ending, EndingPage, Factor, Include, Level, RewardUnit,
     StatedHypothesis, Study,
 };
 pub use draw::{StepData, StepKind, StepPlan};
@@ -52,6 +56,7 @@ pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
+pub use recruiting::{Device, NotAdmitted, Recruiting, RecruitingIds};
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

@@ -20,6 +20,20 @@ pub enum Error {
     /// The address exists, the method does not.
     #[error("this address does not take this kind of request")]
     MethodNotAllowed,
+    /// Nobody is logged in, or the token opens nothing.
+    #[error("{text}")]
+    Unauthorized {
+        /// What would help.
+        text: String,
+        /// What the API's `WWW-Authenticate` says.
+        challenge: Option<String>,
+    },
+    /// Too many tries.
+    #[error("too many tries; the next one is let in {retry_after_s} s")]
+    TooMany {
+        /// How long to wait.
+        retry_after_s: u64,
+    },
     /// The visitor may not see this; the text says what would allow it.
     #[error("{0}")]
     Forbidden(String),
@@ -57,6 +71,8 @@ impl Error {
         match self {
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+            Self::Unauthorized { .. } => StatusCode::UNAUTHORIZED,
+            Self::TooMany { .. } => StatusCode::TOO_MANY_REQUESTS,
             Self::Forbidden(_) | Self::Blind(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -67,6 +83,42 @@ impl Error {
             Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal(_) => StatusCode::INTERNAL_SERVER_ERROR,
         }
+    }
+
+    /// Adds what tells a program when to come back, or with what.
+    fn hint(&self, mut response: Response) -> Response {
+        let headers = response.headers_mut();
+        match self {
+            Self::Busy => {
+                headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            Self::TooMany { retry_after_s } => {
+                headers.insert(header::RETRY_AFTER, HeaderValue::from(*retry_after_s));
+            }
+            Self::Unauthorized {
+                challenge: Some(challenge),
+                ..
+            } => {
+                if let Ok(challenge) = HeaderValue::try_from(challenge) {
+                    headers.insert(header::WWW_AUTHENTICATE, challenge);
+                }
+            }
+            Self::Unauthorized {
+                challenge: None, ..
+            }
+            | Self::NotFound(_)
+            | Self::MethodNotAllowed
+            | Self::Forbidden(_)
+            | Self::Blind(_)
+            | Self::BadRequest(_)
+            | Self::UnsupportedMediaType
+            | Self::TooLarge
+            | Self::Unprocessable(_)
+            | Self::Conflict(_)
+            | Self::Closed(_)
+            | Self::Internal(_) => {}
+        }
+        response
     }
 
     /// Logs a fault once, here where it is handled; everything else is the visitor's business.
@@ -84,7 +136,9 @@ impl From<store::Error> for Error {
             store::Error::Conflict(_) | store::Error::Refused(_) => {
                 Self::Conflict(error.to_string())
             }
-            store::Error::Closed { .. } => Self::Closed(error.to_string()),
+            store::Error::Closed { .. } | store::Error::NotAdmitted(_) => {
+                Self::Closed(error.to_string())
+            }
             store::Error::Busy | store::Error::Unavailable(_) => Self::Busy,
             store::Error::Database(_) => Self::Internal(error.into()),
         }
@@ -109,11 +163,15 @@ impl IntoResponse for Error {
         self.log();
         let status = self.status();
         let page = ErrorPage {
-            title: status.canonical_reason().unwrap_or("Error"),
+            title: if let Self::Closed(_) = &self {
+                "You cannot start this study now"
+            } else {
+                status.canonical_reason().unwrap_or("Error")
+            },
             message: sentence(&self.to_string()),
         };
         let body = page.render().unwrap_or_else(|_| page.message.clone());
-        retry_hint((status, Html(body)).into_response())
+        self.hint((status, Html(body)).into_response())
     }
 }
 
@@ -149,6 +207,8 @@ impl IntoResponse for ApiError {
                 Error::Blind(blind) => Some(*blind),
                 Error::NotFound(_)
                 | Error::MethodNotAllowed
+                | Error::Unauthorized { .. }
+                | Error::TooMany { .. }
                 | Error::Forbidden(_)
                 | Error::BadRequest(_)
                 | Error::UnsupportedMediaType
@@ -160,22 +220,13 @@ impl IntoResponse for ApiError {
                 | Error::Internal(_) => None,
             },
         };
-        let mut response = retry_hint((status, Json(problem)).into_response());
+        let mut response = self.0.hint((status, Json(problem)).into_response());
         response.headers_mut().insert(
             header::CONTENT_TYPE,
             HeaderValue::from_static("application/problem+json"),
         );
         response
     }
-}
-
-fn retry_hint(mut response: Response) -> Response {
-    if response.status() == StatusCode::SERVICE_UNAVAILABLE {
-        response
-            .headers_mut()
-            .insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
-    }
-    response
 }
 
 /// Messages are written lower case and without a full stop; a page shows a sentence.

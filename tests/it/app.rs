@@ -9,7 +9,7 @@ use riskaware::{
     jobs::{Catalogue, Sweeps},
     store::{AnswerKey, AnswerRow, Options, Population, Store, Token},
     study::{self, Timestamp},
-    web::{self, AppState, Replays, Settings},
+    web::{self, AppState, Limits, Replays, Settings},
 };
 use scraper::{Html, Selector};
 use tokio::{net::TcpListener, task::JoinHandle};
@@ -46,10 +46,8 @@ impl App {
             store: store.clone(),
             catalogue: catalogue.clone(),
             chance: Chance::from_seed(1),
-            settings: Arc::new(Settings {
-                open_results: false,
-                population: Population::People,
-            }),
+            limits: Arc::new(Limits::new(&clock, 60)),
+            settings: Arc::new(Settings::default()),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(Replays::of(&catalogue)),
             stop: stop.clone(),

@@ -32,12 +32,19 @@ pub async fn completes(
         ..NewArrival::default()
     };
     store.arrive(&arrival, id, new_arrival).await.unwrap();
-    let steps = draw_run(&study, &mut rng).unwrap();
-    let plans: Vec<_> = steps.iter().map(|step| step.plan.clone()).collect();
+    let candidates = draw_run(&study, &mut rng).unwrap();
+    let plans: Vec<_> = candidates[0]
+        .steps
+        .iter()
+        .map(|step| step.plan.clone())
+        .collect();
     let run = NewRun {
         study: id.clone(),
         version,
-        steps,
+        candidates,
+        quota: None,
+        time_limit_ms: None,
+        refusal: None,
         factor: TimeFactor::ONE,
         population: Population::People,
         is_preview: false,

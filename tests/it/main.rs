@@ -1,5 +1,6 @@
 //! The integration tests, one module per feature.
 
+mod accounts;
 mod api;
 mod app;
 mod architecture;
@@ -7,6 +8,7 @@ mod building_blocks;
 mod calibrate;
 mod catalogue;
 mod comparison;
+mod conditions;
 mod crash;
 mod crowd;
 mod cups;

@@ -198,7 +198,7 @@ fn duration(study: &Study) -> Option<String> {
 }
 
 fn payment(study: &Study) -> Option<String> {
-    let cannot_pay = study.bonus().is_some() && study.recruiting_ids() == RecruitingIds::Hashed;
+    let cannot_pay = study.bonus().is_some() && study.recruiting().ids == RecruitingIds::Hashed;
     cannot_pay.then(|| {
         "bonus: ids of the recruiting site are stored under a keyed hash, so that nobody can be paid by them; `recruiting.ids = \"plain\"` keeps them"
             .to_owned()

@@ -25,6 +25,7 @@ fn run() -> RunFacts {
         shown_at: None,
         deadline: None,
         attempts: 0,
+        expires_at: None,
         ended_at: None,
         factor: TimeFactor::ONE,
         is_preview: false,

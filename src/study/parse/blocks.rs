@@ -116,7 +116,8 @@ impl Reader<'_> {
             Some("info") => {
                 let raw: RawInfo = self.table(at)?;
                 let id = block_id(&raw.id, at).map_err(refuse)?;
-                Ok((id, BlockBody::Info(info(&raw, &scope, at).map_err(refuse)?)))
+                let text = self.info(&raw, &scope, at).map_err(refuse)?;
+                Ok((id, BlockBody::Info(text)))
             }
             Some("replays") => {
                 let raw = self.table(at)?;
@@ -145,6 +146,19 @@ impl Reader<'_> {
                 at.key("kind").fault("no kind of block", list(KINDS)),
             )),
         }
+    }
+
+    /// A text that only some conditions meet can use the values of their levels.
+    fn info(&self, raw: &RawInfo, scope: &Scope<'_>, at: &KeyPath) -> Result<InfoText, Fault> {
+        let levels = self.design.condition_levels(&raw.when, &at.key("when"))?;
+        let scope = self.design.scope_with(scope, &levels);
+        Ok(InfoText {
+            title: rules::filled_line(&raw.title, &scope, &at.key("title"))?,
+            text_html: rules::filled_markdown(&raw.text, &scope, &at.key("text"))?,
+            scene: scene(raw.scene.as_ref(), at)?,
+            button: rules::filled_line(&raw.button, &scope, &at.key("button"))?,
+            when: self.design.named(&levels),
+        })
     }
 
     fn table<T: DeserializeOwned>(&self, at: &KeyPath) -> Result<T, ParseError> {
@@ -198,13 +212,4 @@ fn clauses(raw: &[RawClause], scope: &Scope<'_>, list: &KeyPath) -> Result<Vec<C
             })
         })
         .collect()
-}
-
-fn info(raw: &RawInfo, scope: &Scope<'_>, at: &KeyPath) -> Result<InfoText, Fault> {
-    Ok(InfoText {
-        title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
-        text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
-        scene: scene(raw.scene.as_ref(), at)?,
-        button: rules::filled_line(&raw.button, scope, &at.key("button"))?,
-    })
 }

@@ -1,18 +1,21 @@
 //! From text to a checked study.
 //!
 //! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices`,
-//! `replays`, `forms` and their `fields`, `endings`, `cells` for what the questions amount to, `fits` for what is made of the answers,
+//! `replays`, `forms` and their `fields`, `conditions` and `recruiting` for who meets them, `endings`, `cells` for what
+//! the questions amount to, `fits` for what is made of the answers,
 //! `sequential` for when there are enough of them.
 
 mod blocks;
 mod cells;
 mod choices;
+mod conditions;
 mod design;
 mod endings;
 mod fields;
 mod fits;
 mod forms;
 mod problem;
+mod recruiting;
 mod replays;
 mod rules;
 mod sequential;
@@ -21,9 +24,9 @@ use sha2::{Digest, Sha256};
 
 use self::blocks::Asked;
 use self::design::Design;
-use super::definition::{Endings, Include, RecruitingIds, RewardUnit, Study};
+use super::definition::{Endings, Include, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
-use super::file::{ActionOrder, RawIds, RawInclude, RawPriors, RawStudy};
+use super::file::{ActionOrder, RawInclude, RawPriors, RawStudy};
 use super::template::{Scalar, Values};
 use super::{Bonus, FitSettings, ParseError, Priors, StudyId};
 
@@ -119,6 +122,8 @@ fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result
         .map(|raw| fits::hypothesis(raw, &fit.models))
         .transpose()?;
     let paper = fits::paper(&raw.paper, &design, &cells)?;
+    let conditions = conditions::read(&design, &blocks)?;
+    let recruiting = recruiting::read(&raw.recruiting, raw.minutes, !conditions.is_empty())?;
     let factors = design.into_factors();
 
     Ok(Study {
@@ -143,10 +148,9 @@ fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result
         baseline_share,
         endings,
         bonus,
-        recruiting_ids: match raw.recruiting.ids {
-            RawIds::Hashed => RecruitingIds::Hashed,
-            RawIds::Plain => RecruitingIds::Plain,
-        },
+        is_open_at_first: raw.open,
+        conditions,
+        recruiting,
         include: match raw.analysis.include {
             RawInclude::Completed => Include::Completed,
             RawInclude::All => Include::All,

@@ -61,6 +61,16 @@ pub(super) fn router() -> Router<AppState> {
     )
 }
 
+/// The same documents for whoever is logged in, so that pages need no token.
+pub(super) fn router_of_pages() -> Router<AppState> {
+    Router::new()
+        .route("/results/{study}/data/fits.json", get(fits::list))
+        .route("/results/{study}/data/sweep.json", get(sweeps::share))
+        .route("/results/{study}/data/gap-sweep.json", get(sweeps::gap))
+        .route("/results/{study}/data/answers.csv", get(answers::csv))
+        .route("/results/{study}/data/answers.ndjson", get(answers::ndjson))
+}
+
 /// What every handler of a study needs.
 pub(super) type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings>>);
 

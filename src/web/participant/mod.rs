@@ -1,6 +1,7 @@
 //! What a participant meets: landing, the steps of a run, withdrawal. No cookies: the link is all there is.
 
 mod arrival;
+mod device;
 mod pages;
 mod recruiting;
 mod run;

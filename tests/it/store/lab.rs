@@ -6,8 +6,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::clock::Clock;
 use riskaware::store::{
-    AnswerStatus, AskedProblem, CellCount, DrawnStep, Error, NewArrival, NewRun, Options,
-    Population, RunId, Started, Store, Submission, Submitted, Token, Verdict, VersionId,
+    AnswerStatus, AskedProblem, CandidateRun, CellCount, DrawnStep, Error, NewArrival, NewRun,
+    Options, Population, RunId, Started, Store, StudyState, Submission, Submitted, Token, Verdict,
+    VersionId,
 };
 use riskaware::study::step::{Assessment, ClientTiming};
 use riskaware::study::{
@@ -58,11 +59,17 @@ impl Lab {
                 &StudyId::from("driving"),
                 "hash of driving",
                 "id = 'driving'",
+                StudyState::Open,
             )
             .await
             .unwrap();
         let cups = store
-            .publish(&StudyId::from("cups"), "hash of cups", "id = 'cups'")
+            .publish(
+                &StudyId::from("cups"),
+                "hash of cups",
+                "id = 'cups'",
+                StudyState::Open,
+            )
             .await
             .unwrap();
         Self {
@@ -112,7 +119,13 @@ impl Lab {
         NewRun {
             study: StudyId::from(study),
             version: self.version(study),
-            steps: steps(),
+            candidates: vec![CandidateRun {
+                condition: None,
+                steps: steps(),
+            }],
+            quota: None,
+            time_limit_ms: None,
+            refusal: None,
             factor: TimeFactor::ONE,
             population: Population::People,
             is_preview: false,
