@@ -8,9 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::definition::{BlockBody, Choices, Order, Study, Unit};
 use super::step::ReplaysText;
-use super::{
-    ActionId, BlockId, BonusTerms, Condition, FactorId, LevelId, QuestionId, ReplayId,
-};
+use super::{ActionId, BlockId, BonusTerms, Condition, FactorId, LevelId, QuestionId, ReplayId};
 
 /// What kind of step it is: the name under which it is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]

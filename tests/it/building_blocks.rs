@@ -11,6 +11,7 @@ use crate::app::{App, Page, Participant, START};
 
 const STUDY: &str = r#"
 format = 1
+open = true
 id = "blocks"
 title = "Blocks"
 summary = "Every block"
@@ -145,7 +146,11 @@ async fn fills(person: &mut Participant, fields: &[(&str, &str)]) -> Page {
         ("step", person.page.field("step")),
         ("key", person.page.field("key")),
     ];
-    form.extend(fields.iter().map(|(name, value)| (*name, (*value).to_owned())));
+    form.extend(
+        fields
+            .iter()
+            .map(|(name, value)| (*name, (*value).to_owned())),
+    );
     let response = person
         .client
         .post(&person.link)
@@ -172,9 +177,19 @@ async fn completes(app: &App, action: &str) -> Participant {
     let mut person = at_check(app).await;
     fills(&mut person, &RIGHT).await;
     fills(&mut person, &[("action", action)]).await;
-    let last = [("height", "1,75"), ("dares", "5"), ("fears", "2"), ("words", "one\ntwo")];
+    let last = [
+        ("height", "1,75"),
+        ("dares", "5"),
+        ("fears", "2"),
+        ("words", "one\ntwo"),
+    ];
     fills(&mut person, &last).await;
-    assert_eq!(person.page.text("h1").as_deref(), Some("Done"), "{}", person.page.html);
+    assert_eq!(
+        person.page.text("h1").as_deref(),
+        Some("Done"),
+        "{}",
+        person.page.html
+    );
     person
 }
 
@@ -194,7 +209,11 @@ async fn agreement_without_a_required_clause_is_sent_back_with_the_ticks_kept() 
     let mut person = app.participant_of("/s/blocks").await;
     let page = fills(&mut person, &[("consent", "agree"), ("clause", "archive")]).await;
     assert_eq!(page.status, StatusCode::UNPROCESSABLE_ENTITY);
-    assert!(page.text(".error-summary").unwrap().contains("I am an adult."));
+    assert!(
+        page.text(".error-summary")
+            .unwrap()
+            .contains("I am an adult.")
+    );
     assert!(page.attribute("input[value=archive]", "checked").is_some());
     assert!(page.attribute("input[value=adult]", "checked").is_none());
     let page = fills(&mut person, &[("consent", "agree"), ("clause", "adult")]).await;
@@ -217,11 +236,17 @@ async fn an_answer_that_screens_out_ends_the_run_with_its_own_code() {
     assert_eq!(state(&app, &person).await, RunState::ScreenedOut);
     // The page stays, and another link of the same person shows no code.
     person.reloads().await;
-    assert_eq!(person.page.text(".completion__code").as_deref(), Some("OUT1"));
+    assert_eq!(
+        person.page.text(".completion__code").as_deref(),
+        Some("OUT1")
+    );
     let again = app.participant_of("/s/blocks?PROLIFIC_PID=p1").await;
     assert_eq!(again.page.text(".completion__code"), None);
-    let bonus = app.store.bonuses(&"blocks".into(), Population::People, RunId::from(0), 10);
-    assert_eq!(bonus.await.unwrap(), []);
+    let study = "blocks".into();
+    let bonuses = app
+        .store
+        .bonuses(&study, Population::People, RunId::from(0), 10);
+    assert_eq!(bonuses.await.unwrap(), []);
     nothing_disagrees(app).await;
 }
 
@@ -268,11 +293,17 @@ async fn a_form_that_is_sent_back_keeps_what_was_typed() {
     assert_eq!(page.status, StatusCode::UNPROCESSABLE_ENTITY);
     assert_eq!(page.field("height"), "9");
     assert_eq!(page.text("textarea").as_deref(), Some("two\nlines <b>"));
-    assert!(page.attribute("input[name=dares][value='4']", "checked").is_some());
+    assert!(
+        page.attribute("input[name=dares][value='4']", "checked")
+            .is_some()
+    );
     let messages = page.texts(".error-summary a");
     assert_eq!(messages.len(), 2, "{messages:?}");
     assert!(page.attribute("#field-fears", "aria-describedby").is_some());
-    assert_eq!(page.attribute("#field-height", "inputmode").as_deref(), Some("decimal"));
+    assert_eq!(
+        page.attribute("#field-height", "inputmode").as_deref(),
+        Some("decimal")
+    );
     nothing_disagrees(app).await;
 }
 
@@ -290,7 +321,11 @@ async fn four_actions_with_five_outcomes_are_counted_summarised_and_exported() {
     assert_eq!(results.status, StatusCode::OK);
     let csv = app.get("/api/v1/studies/blocks/answers.csv").await;
     for action in ["a", "b", "c", "d"] {
-        assert!(csv.html.contains(&format!(",{action},answered,")), "{}", csv.html);
+        assert!(
+            csv.html.contains(&format!(",{action},answered,")),
+            "{}",
+            csv.html
+        );
     }
     nothing_disagrees(app).await;
 }
@@ -300,18 +335,33 @@ async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it(
     let app = app().await;
     let sure = completes(&app, "b").await;
     let risky = completes(&app, "c").await;
-    assert_eq!(sure.page.text(".completion__code").as_deref(), Some("DONE1"));
+    assert_eq!(
+        sure.page.text(".completion__code").as_deref(),
+        Some("DONE1")
+    );
     // The one choice was the sure one: 1 + 0.01 · 5.
-    assert_eq!(sure.page.text(".bonus__amount").as_deref(), Some("GBP 1.05"));
+    assert_eq!(
+        sure.page.text(".bonus__amount").as_deref(),
+        Some("GBP 1.05")
+    );
     assert!(sure.page.text(".bonus").unwrap().contains("Choose"));
     let study = "blocks".into();
-    let all = || app.store.bonuses(&study, Population::People, RunId::from(0), 10);
+    let all = || {
+        app.store
+            .bonuses(&study, Population::People, RunId::from(0), 10)
+    };
     let bonuses = all().await.unwrap();
     assert_eq!(bonuses.len(), 2);
     let drawn = bonuses[1].choice.clone().unwrap();
-    assert_eq!((drawn.block.as_str(), drawn.action.as_str()), ("lotteries", "c"));
+    assert_eq!(
+        (drawn.block.as_str(), drawn.action.as_str()),
+        ("lotteries", "c")
+    );
     assert!([12.0, -6.0].contains(&drawn.reward), "{drawn:?}");
-    assert_eq!((bonuses[0].amount, bonuses[0].currency.as_str()), (1.05, "GBP"));
+    assert_eq!(
+        (bonuses[0].amount, bonuses[0].currency.as_str()),
+        (1.05, "GBP")
+    );
     // Sending the last form again draws nothing anew.
     let mut again = risky.clone();
     again.reloads().await;
@@ -329,7 +379,11 @@ async fn forms_are_stored_raw_with_what_became_of_the_check() {
     fills(&mut person, &WRONG).await;
     fills(&mut person, &RIGHT).await;
     fills(&mut person, &[("action", "b")]).await;
-    fills(&mut person, &[("height", "1.5"), ("dares", "5"), ("fears", "2")]).await;
+    fills(
+        &mut person,
+        &[("height", "1.5"), ("dares", "5"), ("fears", "2")],
+    )
+    .await;
     let expected = [
         ("light", "red", 1),
         ("cars", r#"["x","z"]"#, 1),
@@ -340,8 +394,14 @@ async fn forms_are_stored_raw_with_what_became_of_the_check() {
         let given = form_answer(&app, "check", field).await;
         assert_eq!(given, [(Some(value.to_owned()), n)], "{field}");
     }
-    assert_eq!(form_answer(&app, "about", "height").await, [(Some("1.5".to_owned()), 1)]);
-    assert_eq!(form_answer(&app, "about", "fears").await, [(Some("2".to_owned()), 1)]);
+    assert_eq!(
+        form_answer(&app, "about", "height").await,
+        [(Some("1.5".to_owned()), 1)]
+    );
+    assert_eq!(
+        form_answer(&app, "about", "fears").await,
+        [(Some("2".to_owned()), 1)]
+    );
     nothing_disagrees(app).await;
 }
 

@@ -40,7 +40,10 @@ fn what_study_new_writes_passes_study_check_under_its_own_id() {
 fn a_file_that_exists_is_kept() {
     let (folder, text) = new(&[]);
     let file = folder.path().join("my-lights.toml");
-    let again = riskaware(&["study", "new", "--from", "cups", file.to_str().unwrap()], "");
+    let again = riskaware(
+        &["study", "new", "--from", "cups", file.to_str().unwrap()],
+        "",
+    );
     assert_eq!(again.status.code(), Some(1));
     assert_eq!(fs::read_to_string(&file).unwrap(), text);
 }
@@ -85,7 +88,10 @@ fn an_unknown_key_at_the_top_does_not_hide_one_in_a_block() {
         .replacen("minutes = 4", "minuts = 4", 1)
         .replacen("agree = ", "agre = ", 1);
     let (_, report) = check("my-lights.toml", &faulty, &[]);
-    assert!(report.contains("minuts") && report.contains("agre"), "{report}");
+    assert!(
+        report.contains("minuts") && report.contains("agre"),
+        "{report}"
+    );
     assert!(report.contains("2 mistakes"), "{report}");
 }
 

@@ -52,6 +52,7 @@ pub(super) fn as_json(study: &Study) -> Value {
         "id": study.id(),
         "title": study.title(),
         "hash": study.hash(),
+        "conditions": study.conditions().iter().map(|condition| &condition.id).collect::<Vec<_>>(),
         "cells": cells,
         "steps": steps,
         "minutes": { "told": study.minutes(), "expected": rounded(minutes(&outline)), "rule": DURATION_RULE },
@@ -108,6 +109,12 @@ fn write_text(text: &mut String, study: &Study, warnings: &[String]) -> std::fmt
             "  {}: baseline, best is {}",
             baseline.question, baseline.optimal
         )?;
+    }
+    if !study.conditions().is_empty() {
+        writeln!(text, "\nConditions, of which each person meets one")?;
+        for condition in study.conditions() {
+            writeln!(text, "  {}", condition.id)?;
+        }
     }
     let outline = study.outline();
     writeln!(text, "\nA run, in order")?;

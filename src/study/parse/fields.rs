@@ -23,8 +23,11 @@ const DEFAULT_DIGITS: u32 = 2;
 /// How many it may have at most.
 const MOST_DIGITS: u32 = 6;
 
-/// The largest size of a bound: below it, each whole number and each number with the digits that are allowed is exact.
-const LARGEST_BOUND: f64 = 1e9;
+/// The largest size of a bound of whole numbers: up to it, each of them is exact.
+const LARGEST_WHOLE: f64 = 9_007_199_254_740_992.0;
+
+/// The largest size of a bound of decimal numbers: up to it, each one with the digits that are allowed is exact.
+const LARGEST_DECIMAL: f64 = 1e9;
 
 /// How many points a scale may have at most; wider ones fit on no phone.
 const MOST_POINTS: usize = 11;
@@ -146,20 +149,17 @@ fn kind_name(kind: RawFieldKind) -> &'static str {
     }
 }
 
-fn bounds(raw: &RawField, what: &str, at: &KeyPath) -> Result<(f64, f64), Fault> {
+fn bounds(raw: &RawField, what: &str, largest: f64, at: &KeyPath) -> Result<(f64, f64), Fault> {
     let bound = |key: &str, value: Option<f64>| {
         let at = at.key(key);
         let value = value.ok_or_else(|| {
             let allowed = format!("{what}: the field needs a smallest and a largest one");
             at.fault("no value", allowed)
         })?;
-        let is_fine = value.abs() <= LARGEST_BOUND;
-        is_fine.then_some(value).ok_or_else(|| {
-            at.fault(
-                value,
-                format!("{what} from -{LARGEST_BOUND} to {LARGEST_BOUND}"),
-            )
-        })
+        let is_fine = value.abs() <= largest;
+        is_fine
+            .then_some(value)
+            .ok_or_else(|| at.fault(value, format!("{what} from -{largest} to {largest}")))
     };
     let (min, max) = (bound("min", raw.min)?, bound("max", raw.max)?);
     if min > max {
@@ -171,7 +171,7 @@ fn bounds(raw: &RawField, what: &str, at: &KeyPath) -> Result<(f64, f64), Fault>
 }
 
 fn integer(raw: &RawField, at: &KeyPath) -> Result<FieldKind, Fault> {
-    let (min, max) = bounds(raw, "a whole number", at)?;
+    let (min, max) = bounds(raw, "a whole number", LARGEST_WHOLE, at)?;
     for (key, bound) in [("min", min), ("max", max)] {
         if bound.fract() != 0.0 {
             return Err(at.key(key).fault(bound, "a whole number"));
@@ -184,7 +184,7 @@ fn integer(raw: &RawField, at: &KeyPath) -> Result<FieldKind, Fault> {
 }
 
 fn number(raw: &RawField, at: &KeyPath) -> Result<FieldKind, Fault> {
-    let (min, max) = bounds(raw, "a number", at)?;
+    let (min, max) = bounds(raw, "a number", LARGEST_DECIMAL, at)?;
     let digits = raw.digits.unwrap_or(DEFAULT_DIGITS);
     if !(1..=MOST_DIGITS).contains(&digits) {
         let allowed =
