@@ -99,7 +99,7 @@ pub fn draw(choices: &[PayableChoice], rng: &mut impl Rng) -> Option<DrawnChoice
     let mut below = 0.0;
     let mut drawn = outcomes.iter().filter(|outcome| outcome.probability > 0.0);
     // Probabilities sum to 1 up to rounding: what is left over belongs to the last outcome that can happen.
-    let last = drawn.clone().last()?;
+    let last = drawn.clone().next_back()?;
     let outcome = drawn
         .find(|outcome| {
             below += outcome.probability;

@@ -252,7 +252,8 @@ fn choices(raw: &RawField, scope: &Scope<'_>, at: &KeyPath) -> Result<FieldKind,
             ),
         )),
     };
-    let min = count("min", raw.min, usize::from(raw.required))?;
+    let is_required = raw.required || raw.correct.is_some();
+    let min = count("min", raw.min, usize::from(is_required))?;
     let max = count("max", raw.max, options.len())?;
     if max == 0 {
         return Err(at.key("max").fault(max, "1 or more"));

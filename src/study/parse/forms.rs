@@ -55,27 +55,29 @@ pub(super) fn read(
 
 /// No value may stand under a name that the page or another field needs.
 fn check_names(fields: &[Field], list: &KeyPath) -> Result<(), Fault> {
+    let refuse = |index: usize, name: &str, allowed: &str| {
+        let at = list.index(index).key("id");
+        Err(at.fault(rules::shown(name), allowed))
+    };
+    let taken = |by_others_than: usize, name: &str| {
+        fields
+            .iter()
+            .enumerate()
+            .filter(|(other, _)| *other != by_others_than)
+            .any(|(_, other)| other.value_names().iter().any(|taken| taken == name))
+    };
+    // A field's own id first: it is the one to change where it meets a name that follows from another id.
     for (index, field) in fields.iter().enumerate() {
-        let others = || {
-            fields
-                .iter()
-                .enumerate()
-                .filter(move |(other, _)| *other != index)
-                .flat_map(|(_, other)| other.value_names().into_iter().chain([other.id.clone()]))
-        };
-        for name in field.value_names().into_iter().chain([field.id.clone()]) {
-            if RESERVED.contains(&name.as_str()) {
-                return Err(list.index(index).key("id").fault(
-                    rules::shown(&name),
-                    "another id: the page uses this one for itself",
-                ));
-            }
-            if others().any(|other| other == name) {
-                let allowed = "another id: two answers of this form would have the same name";
-                return Err(list
-                    .index(index)
-                    .key("id")
-                    .fault(rules::shown(&name), allowed));
+        if RESERVED.contains(&field.id.as_str()) || taken(index, &field.id) {
+            let allowed = "another id: the page uses this one for itself";
+            return refuse(index, &field.id, allowed);
+        }
+    }
+    for (index, field) in fields.iter().enumerate() {
+        for name in field.value_names() {
+            if RESERVED.contains(&name.as_str()) || taken(index, &name) {
+                let allowed = "other ids: two answers of this form would have the same name";
+                return refuse(index, &name, allowed);
             }
         }
     }

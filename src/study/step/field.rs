@@ -288,8 +288,12 @@ impl Field {
             .map(|text| text.trim())
             .filter(|text| !text.is_empty())
             .collect();
-        if given.is_empty() && !self.required {
-            return Ok(());
+        if given.is_empty() {
+            return if self.required {
+                Err(self.error("This question needs an answer."))
+            } else {
+                Ok(())
+            };
         }
         if !given
             .iter()

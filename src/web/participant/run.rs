@@ -345,7 +345,8 @@ impl RunPages {
         let page = study.ending(ending);
         let stored = self.store.stored_count(run.run).await?;
         // A run whose time was over may have ended before its first answer.
-        if !stored.is_complete() && !(ending == Ending::TimedOut && stored.is_empty()) {
+        let ended_before_all = ending == Ending::TimedOut && stored.is_empty();
+        if !(stored.is_complete() || ended_before_all) {
             return Err(Error::Internal(anyhow::anyhow!(
                 "run {} has ended but has {} answers for {} steps",
                 run.run,
