@@ -77,8 +77,9 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
-    /// Begin a study file, or check one
-    Study(study::Arguments),
+    /// Begin or check a study file; open, pause or close a study
+    #[command(subcommand)]
+    Study(study::Command),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -127,7 +128,7 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
-            Self::Study(arguments) => study::run(arguments),
+            Self::Study(command) => study::run(command),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

@@ -3,7 +3,7 @@
 use std::{
     io::Write,
     net::{IpAddr, SocketAddr},
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::Arc,
 };
 
@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::{
     chance::Chance,
     clock::Clock,
-    jobs::{self, Catalogue, Sweeps},
+    jobs::{self, Catalogue, Prepare, StudyFolder, Sweeps},
     store::{Options, Population, Store, Token},
     study,
     web::{self, AppState, Limits, PublicUrl, Replays, Settings},
@@ -30,7 +30,8 @@ pub struct ServeArgs {
     /// The database file; it is made if it does not exist
     #[arg(long, env = "RISKAWARE_DATABASE", default_value = "riskaware.db")]
     pub database: PathBuf,
-    /// A folder with study files (*.toml) to serve beside the built-in ones; the same id replaces a built-in study
+    /// A folder with study files (*.toml) to serve beside the built-in ones; the same id replaces a built-in study.
+    /// It is looked at while the server runs: a changed file is served to whoever starts from then on
     #[arg(long, env = "RISKAWARE_STUDIES")]
     pub studies: Option<PathBuf>,
     /// Show results and API to everybody who can reach the server, not to this machine alone
@@ -84,6 +85,8 @@ pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
 pub(super) struct Server {
     pub listener: TcpListener,
     pub state: AppState,
+    /// The lab's study files, if it has some.
+    folder: Option<StudyFolder>,
 }
 
 impl Server {
@@ -94,13 +97,19 @@ impl Server {
                 args.listen
             )
         })?;
-        let studies = study_files(args.studies.as_deref())?;
         let store = Store::open(Options::at(&args.database), Clock::start())
             .await
             .with_context(|| format!("opening the database {}", args.database.display()))?;
-        let catalogue = Catalogue::publish(&store, studies)
-            .await
-            .context("reading the study files")?;
+        let mut folder = args.studies.as_deref().map(StudyFolder::new);
+        let catalogue = match &mut folder {
+            Some(folder) => folder
+                .publish(&store)
+                .await
+                .context("reading the study files")?,
+            None => Catalogue::publish(&store, built_in())
+                .await
+                .context("reading the study files")?,
+        };
         let replays = Replays::of(&catalogue);
         replays
             .compute()
@@ -122,14 +131,32 @@ impl Server {
             }),
             stop,
         };
-        Ok(Self { listener, state })
+        Ok(Self {
+            listener,
+            state,
+            folder,
+        })
     }
 
     /// Serves with the background work until `shutdown` completes, and ends in order.
     pub(super) async fn run(self, shutdown: impl Future<Output = ()>) -> anyhow::Result<()> {
-        let Self { listener, state } = self;
+        let Self {
+            listener,
+            state,
+            folder,
+        } = self;
         let (store, stop) = (state.store.clone(), state.stop.clone());
         let background = jobs::start(&store, &state.catalogue, state.settings.population, &stop);
+        let watching = folder.map(|folder| {
+            let replays = state.replays.clone();
+            let prepare: Prepare = Arc::new(move |study| {
+                replays
+                    .add(study)
+                    .map_err(|(id, error)| format!("replay {id}: {error}"))
+            });
+            let (catalogue, stop) = (state.catalogue.clone(), stop.clone());
+            tokio::spawn(folder.watch(store.clone(), catalogue, prepare, stop))
+        });
         let disk_failed = CancellationToken::new();
         let ends = async {
             tokio::select! {
@@ -139,6 +166,9 @@ impl Server {
         };
         web::serve(listener, state, ends).await.context("serving")?;
         background.await;
+        if let Some(watching) = watching {
+            watching.await.context("watching the studies folder")?;
+        }
         store.close().await;
         // A status other than 0 makes a supervisor start the program anew.
         ensure!(
@@ -149,31 +179,11 @@ impl Server {
     }
 }
 
-/// The built-in study files and those of a folder, which replace built-in ones of the same name.
-fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
-    let mut files: Vec<(String, String)> = study::built_in()
+fn built_in() -> Vec<(String, String)> {
+    study::built_in()
         .into_iter()
         .map(|(name, text)| (name.to_owned(), text.to_owned()))
-        .collect();
-    let Some(folder) = folder else {
-        return Ok(files);
-    };
-    let entries = std::fs::read_dir(folder)
-        .with_context(|| format!("reading the studies folder {}", folder.display()))?;
-    let mut paths = entries
-        .map(|entry| Ok(entry?.path()))
-        .collect::<std::io::Result<Vec<PathBuf>>>()?;
-    paths.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension == "toml")
-    });
-    paths.sort();
-    for path in paths {
-        let text = std::fs::read_to_string(&path)
-            .with_context(|| format!("reading {}", path.display()))?;
-        files.push((path.display().to_string(), text));
-    }
-    Ok(files)
+        .collect()
 }
 
 /// A new link with which the first account can be made; none once an account exists.

@@ -69,6 +69,7 @@ pub(super) enum Rare {
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
+    ForgetPeople(StudyId, Timestamp, Ticket<u64>),
     Account(Box<AccountChange>, Timestamp, Ticket<i64>),
 }
 
@@ -202,7 +203,9 @@ impl Job {
             ) => ticket.deliver(),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
+                ticket.deliver()
+            }
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
         }
     }
@@ -222,7 +225,9 @@ impl Job {
             ) => ticket.fail(err),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
+                ticket.fail(err)
+            }
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),
         }
     }

@@ -537,6 +537,21 @@ impl Store {
             .await
     }
 
+    /// Erases the links of a study's runs and what recruiting platforms told of their people, after its retention date.
+    /// Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn forget_people(&self, study: &StudyId) -> Result<u64, Error> {
+        let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
+        if !self.is_anybody_known(study, before).await? {
+            return Ok(0);
+        }
+        let study = study.clone();
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, before, ticket)))
+            .await
+    }
+
     /// What stands for a recruiting id in a study that stores no plain ones.
     pub fn recruiting_id(&self, study: &StudyId, parameter: &str, value: &str) -> String {
         self.shared.secret.recruiting_id(study, parameter, value)

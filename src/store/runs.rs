@@ -27,6 +27,8 @@ pub struct ArrivalView {
     pub study: StudyId,
     /// The link of the run that it led to, if it did.
     pub link: Option<Token>,
+    /// A look at the study that is never counted.
+    pub is_preview: bool,
 }
 
 /// A run as its page needs it.
@@ -211,9 +213,9 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown one, or one of more than a day ago that led nowhere.
     pub async fn arrival(&self, token: &Token) -> Result<ArrivalView, Error> {
-        let row: Option<(String, i64, bool)> = sqlx::query_as(
+        let row: Option<(String, i64, bool, bool)> = sqlx::query_as(
             r#"
-            select study_id, created_at_ms, run_id is not null
+            select study_id, created_at_ms, run_id is not null, is_preview
             from arrival
             where token_hash = ?
             "#,
@@ -221,7 +223,8 @@ impl Store {
         .bind(token.hash().as_bytes())
         .fetch_optional(&self.pool)
         .await?;
-        let (study, created_at_ms, is_started) = row.ok_or(Error::NotFound("arrival"))?;
+        let (study, created_at_ms, is_started, is_preview) =
+            row.ok_or(Error::NotFound("arrival"))?;
         if !is_started && self.now().0 - created_at_ms > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
         }
@@ -229,6 +232,7 @@ impl Store {
         Ok(ArrivalView {
             study: study.into(),
             link,
+            is_preview,
         })
     }
 
@@ -349,6 +353,32 @@ impl Store {
             .into_iter()
             .map(|(place, taken)| (place.condition, taken))
             .collect())
+    }
+
+    /// Whether some run of a study has a link, or tells whom a platform sent.
+    pub(super) async fn is_anybody_known(
+        &self,
+        study: &StudyId,
+        before: Timestamp,
+    ) -> Result<bool, Error> {
+        Ok(sqlx::query_scalar(
+            r#"
+            select exists (
+                select 1
+                from run
+                where study_id = ?
+                and (state <> 'active' or started_at_ms < ?)
+                and (
+                    platform is not null or platform_key is not null or recruiting is not null
+                    or exists (select 1 from run_token where run_token.run_id = run.id)
+                )
+            )
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(before.0)
+        .fetch_one(&self.pool)
+        .await?)
     }
 
     /// Whether a timed question waits to be closed, or a run to be ended.

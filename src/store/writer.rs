@@ -146,9 +146,9 @@ impl Writer {
                 self.is_second_chance = false;
                 self.health.commit_failed.store(false, Ordering::Release);
                 self.health.commits.fetch_add(1, Ordering::Relaxed);
-                let erased = jobs
-                    .iter()
-                    .any(|job| matches!(job, Job::Rare(Rare::Withdraw(..))));
+                let erased = jobs.iter().any(|job| {
+                    matches!(job, Job::Rare(Rare::Withdraw(..) | Rare::ForgetPeople(..)))
+                });
                 if erased && self.log != Log::Erased {
                     self.next_truncation = Instant::now() + IDLE;
                 }
@@ -314,6 +314,11 @@ async fn write_rare(
             let (is_first, changes) = checkpoints::save(connection, new, *at).await?;
             ticket.hold(Ok(is_first));
             Ok(changes)
+        }
+        Rare::ForgetPeople(study, before, ticket) => {
+            let forgotten = withdraw::forget_people(connection, study, *before).await?;
+            ticket.hold(Ok(forgotten));
+            Ok(Vec::new())
         }
         Rare::ForgetArrivals(before, ticket) => {
             ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));

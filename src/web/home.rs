@@ -49,6 +49,7 @@ async fn home(
     let is = |id: &StudyId, state| states.iter().any(|row| row.id == *id && row.state == state);
     let studies = catalogue
         .studies()
+        .into_iter()
         .filter(|study| !is(study.id(), StudyState::Draft))
         .map(|study| Entry {
             id: study.id().to_string(),

@@ -35,6 +35,15 @@ impl App {
     }
 
     pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
+        Self::with_starts(clock, studies, 60).await
+    }
+
+    /// The same where so many people may start per minute from one address.
+    pub async fn with_starts(
+        clock: Clock,
+        studies: Vec<(String, String)>,
+        starts_per_minute: u32,
+    ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("riskaware.db");
         let store = Store::open(Options::at(&database), clock.clone())
@@ -46,7 +55,7 @@ impl App {
             store: store.clone(),
             catalogue: catalogue.clone(),
             chance: Chance::from_seed(1),
-            limits: Arc::new(Limits::new(&clock, 60)),
+            limits: Arc::new(Limits::new(&clock, starts_per_minute)),
             settings: Arc::new(Settings::default()),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(Replays::of(&catalogue)),

@@ -22,7 +22,7 @@ fn with_recruiting(keys: &str) -> String {
 
 async fn serve(keys: &str) -> App {
     let file = ("between.toml".to_owned(), with_recruiting(keys));
-    App::with(Clock::manual(START), vec![file]).await
+    App::with_starts(Clock::manual(START), vec![file], 1_000).await
 }
 
 /// How many people have a place, by condition.

@@ -14,7 +14,7 @@ use crate::{
 
 /// Which file to check.
 #[derive(Debug, Args)]
-pub(super) struct Arguments {
+pub struct Arguments {
     /// The study file
     file: PathBuf,
     /// Write one JSON object in place of the report

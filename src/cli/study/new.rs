@@ -13,7 +13,7 @@ use crate::study::{Study, built_in, starter};
 
 /// Where to begin, and where to write.
 #[derive(Debug, Args)]
-pub(super) struct Arguments {
+pub struct Arguments {
     /// Begin with a copy of this built-in study in place of the commented starter
     #[arg(long, value_name = "STUDY")]
     from: Option<String>,

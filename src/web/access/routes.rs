@@ -86,6 +86,8 @@ pub const ROUTES: &[Route] = &[
     limited("/s/{study}/a/{token}", Limited::Start),
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
+    // Studies.
+    route("/studies/{study}/preview", MANAGE, "preview the study"),
     // Accounts.
     route("/setup/{token}", Rule::Open, ""),
     route("/login", Rule::Open, ""),

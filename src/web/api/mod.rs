@@ -134,7 +134,7 @@ async fn list(
 ) -> Result<Response, ApiError> {
     let mut studies = Vec::new();
     for study in catalogue.studies() {
-        studies.push(entry(&store, &settings, study).await?);
+        studies.push(entry(&store, &settings, &study).await?);
     }
     Ok(Json(StudyList { studies }).into_response())
 }

@@ -12,7 +12,7 @@ use super::{Looking, device, pages::LandingPage, recruiting};
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{NewRun, Store, Token, draw_run},
+    store::{NewArrival, NewRun, Store, Token, draw_run},
     study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor},
     web::{Error, Settings},
 };
@@ -45,6 +45,23 @@ pub(super) async fn arrive(
     Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
 }
 
+/// POST `/studies/STUDY/preview`: the study as a participant meets it, in any of its states, without counting.
+pub(super) async fn preview(
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    State(chance): State<Chance>,
+    Path(study): Path<StudyId>,
+) -> Result<Redirect, Error> {
+    catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let arrival = NewArrival {
+        is_preview: true,
+        ..NewArrival::default()
+    };
+    let token = Token::random(&mut chance.fork());
+    store.arrive(&token, &study, arrival).await?;
+    Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
+}
+
 /// GET `/s/STUDY/a/TOKEN`: what the study is, and the button that starts it.
 pub(super) async fn landing(
     _: Looking,
@@ -54,7 +71,8 @@ pub(super) async fn landing(
 ) -> Result<LandingPage, Error> {
     let token = read_token(&token)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    if store.arrival(&token).await?.study != study {
+    let arrival = store.arrival(&token).await?;
+    if arrival.study != study {
         return Err(Error::NotFound("link"));
     }
     Ok(LandingPage {
@@ -63,6 +81,7 @@ pub(super) async fn landing(
         minutes: served.minutes(),
         study: study.to_string(),
         token,
+        is_preview: arrival.is_preview,
     })
 }
 

@@ -18,6 +18,8 @@ use askama_web::WebTemplate;
 pub(super) struct RunLink<'a> {
     pub token: &'a Token,
     pub is_owner: bool,
+    /// Nothing that is done here counts.
+    pub is_preview: bool,
     pub position: u32,
     /// The idempotency key of this rendering's form.
     pub key: String,
@@ -69,6 +71,7 @@ pub(super) struct LandingPage {
     pub minutes: u32,
     pub study: String,
     pub token: Token,
+    pub is_preview: bool,
 }
 
 #[derive(Template, WebTemplate)]
@@ -302,6 +305,17 @@ pub(super) struct ThanksPage<'a> {
     pub token: &'a Token,
     pub ending: &'a EndingPage,
     pub outcome: Outcome,
+    pub is_preview: bool,
+    /// How to withdraw later, for the link that may.
+    pub withdrawal: Option<LaterWithdrawal>,
+}
+
+/// Where and until when somebody who has finished can withdraw.
+pub(super) struct LaterWithdrawal {
+    /// The address to keep.
+    pub address: String,
+    /// The last day, where the study names one.
+    pub until: Option<String>,
 }
 
 /// What the last page tells about the run.

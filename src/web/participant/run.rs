@@ -15,23 +15,23 @@ use super::{
     Looking,
     arrival::read_token,
     pages::{
-        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, Outcome, PageClock,
-        PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
+        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
+        PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
     },
-    withdrawal::withdrawn,
+    withdrawal::{gone, withdrawn},
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
     store::{
-        PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token,
-        Verdict,
+        self, PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission,
+        Token, Verdict,
     },
     study::{
-        CompletionCode, Ending, Step, StepPlan, Study,
+        CompletionCode, Ending, Step, StepPlan, Study, Timestamp,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
-    web::{AppState, Error, Replays, replays},
+    web::{AppState, Error, Replays, Settings, replays},
 };
 
 /// GET `/r/TOKEN`: the page that this person is at.
@@ -41,7 +41,10 @@ pub(super) async fn current(
     Path(token): Path<String>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = pages.store.visit(&token).await?;
+    let run = match pages.store.visit(&token).await {
+        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        found => found?,
+    };
     pages.page(&token, &run, Rejected::default()).await
 }
 
@@ -161,6 +164,7 @@ pub(super) struct RunPages {
     catalogue: Arc<Catalogue>,
     chance: Chance,
     replays: Arc<Replays>,
+    settings: Arc<Settings>,
 }
 
 impl axum::extract::FromRef<AppState> for RunPages {
@@ -170,6 +174,7 @@ impl axum::extract::FromRef<AppState> for RunPages {
             catalogue: state.catalogue.clone(),
             chance: state.chance.clone(),
             replays: state.replays.clone(),
+            settings: state.settings.clone(),
         }
     }
 }
@@ -327,9 +332,19 @@ impl RunPages {
         RunLink {
             token,
             is_owner: run.is_owner,
+            is_preview: run.is_preview,
             position: shown.position,
             key: HEXLOWER.encode(&self.chance.bytes()[..16]),
             plan: &shown.plan,
+        }
+    }
+
+    /// The address under which a run can be withdrawn later, in full where the server knows its own.
+    fn withdrawal_address(&self, token: &Token) -> String {
+        let path = format!("/r/{token}/withdraw");
+        match &self.settings.public_url {
+            Some(url) => format!("{}{path}", url.to_string().trim_end_matches('/')),
+            None => path,
         }
     }
 
@@ -373,6 +388,11 @@ impl RunPages {
             token,
             ending: page,
             outcome,
+            is_preview: run.is_preview,
+            withdrawal: run.is_owner.then(|| LaterWithdrawal {
+                address: self.withdrawal_address(token),
+                until: study.recruiting().retention.map(last_day),
+            }),
         }
         .into_response())
     }
@@ -418,6 +438,14 @@ fn paid_choice(
         action,
         reward: study.reward_unit().format(paid.reward),
     }))
+}
+
+/// The day that ends when the retention time does.
+fn last_day(retention: Timestamp) -> String {
+    jiff::Timestamp::from_millisecond(retention.0 - 1).map_or_else(
+        |_| format!("{} ms after 1970", retention.0),
+        |moment| moment.strftime("%-d %B %Y").to_string(),
+    )
 }
 
 /// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.
