@@ -78,7 +78,7 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
-    /// Open, pause or close a study
+    /// Begin or check a study file; open, pause or close a study
     #[command(subcommand)]
     Study(study::Command),
     /// Make and change accounts
@@ -133,7 +133,7 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
-            Self::Study(command) => block_on(study::run(command)),
+            Self::Study(command) => study::run(command),
             Self::User(args) => block_on(accounts::user::run(args)),
             Self::Token(args) => block_on(accounts::token::run(args)),
             Self::Health(args) => block_on(health::run(args)),
