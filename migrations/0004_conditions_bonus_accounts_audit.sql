@@ -111,11 +111,11 @@ create index event_repeated on event (repeat_of) where repeat_of is not null;
 -- What a finished person is paid beside the fee: one of their choices, drawn after the last answer, is played out.
 create table bonus (
     run_id integer primary key references run (id),
-    -- The choice that was drawn.
-    position integer not null,
-    action text not null,
+    -- The choice that was drawn. Empty where there was none to draw from, and the endowment alone is paid.
+    position integer,
+    action text,
     -- The outcome that was drawn of that action's outcomes.
-    reward real not null,
+    reward real,
     -- What it comes to in the bonus's currency.
     amount real not null,
     drawn_at_ms integer not null

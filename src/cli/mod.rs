@@ -1,5 +1,6 @@
 //! The commands of the `riskaware` binary.
 
+mod accounts;
 mod calibrate;
 mod choice_files;
 mod demo;
@@ -77,9 +78,13 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
-    /// Open, pause or close a study
+    /// Begin or check a study file; open, pause or close a study
     #[command(subcommand)]
     Study(study::Command),
+    /// Make and change accounts
+    User(accounts::user::UserArgs),
+    /// Make and revoke tokens of the API
+    Token(accounts::token::TokenArgs),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -128,7 +133,9 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
-            Self::Study(command) => block_on(study::run(command)),
+            Self::Study(command) => study::run(command),
+            Self::User(args) => block_on(accounts::user::run(args)),
+            Self::Token(args) => block_on(accounts::token::run(args)),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

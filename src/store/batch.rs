@@ -305,6 +305,9 @@ impl Batch {
             .submit(&submit.submission, seen, submit.at)
             .map_err(|refusal| Error::Refused(refusal.to_string()))?;
         let (verdict, position) = (judgement.verdict, submit.submission.position);
+        if verdict == Verdict::Wrong {
+            self.effects.touched.insert(submit.run);
+        }
         // An early report of the end does not use the form up: its person may still choose with the same form.
         let keeps_key = past.is_none() && verdict != Verdict::Early;
         let event = self.next_event();
@@ -426,6 +429,9 @@ impl Batch {
         self.effects
             .answers
             .push(NewAnswer::of(event, id, closed, body));
+        if run.facts.state == RunState::Completed {
+            self.effects.paid.push((id, closed.at));
+        }
         if run.facts.is_preview {
             return;
         }
@@ -433,6 +439,7 @@ impl Batch {
             Some(Reply::Chose { action }) => action.to_string(),
             Some(
                 Reply::Agreed
+                | Reply::AgreedTo { .. }
                 | Reply::Declined
                 | Reply::Continued
                 | Reply::Watched { .. }

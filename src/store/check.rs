@@ -211,6 +211,7 @@ async fn at_start(
         position: 0,
         shown_at: None,
         deadline: None,
+        attempts: 0,
         expires_at: None,
         ended_at: None,
         factor: time_factor(factor)?,
@@ -262,6 +263,7 @@ async fn rebuild_answers(
                     reply: body.reply.clone(),
                     timing: body.timing,
                     consent_version: body.consent_version.clone(),
+                    assessment: body.assessment,
                 };
                 let seen = if is_repetition {
                     KeySeen::SameBody

@@ -3,14 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
+use serde_json::{Map, Value};
 use sqlx::sqlite::SqliteConnection;
 
+use super::bonuses;
 use super::job::AskedProblem;
 use super::rules::{Body, Closed, RunFacts};
 use super::{
     AnswerStatus, Change, EventId, Population, ProblemId, RunId, Verdict, VersionId, json,
 };
-use crate::study::{ConditionId, Reply, StudyId};
+use crate::study::step::FormStep;
+use crate::study::{ConditionId, Reply, StudyId, Timestamp};
 
 #[derive(Debug, Default)]
 pub(super) struct Effects {
@@ -29,6 +32,8 @@ pub(super) struct Effects {
     /// Runs whose answers count as completed from now on.
     pub(super) completed: Vec<RunId>,
     pub(super) populations: BTreeMap<(StudyId, Population), PopulationDelta>,
+    /// Runs that were completed, whether they count or not, and when.
+    pub(super) paid: Vec<(RunId, Timestamp)>,
 }
 
 #[derive(Debug, Serialize)]
@@ -148,10 +153,15 @@ impl NewAnswer {
         let timing = body.map(|body| body.timing).unwrap_or_default();
         let (action, value) = match body.map(|body| (&body.reply, &body.consent_version)) {
             Some((Reply::Chose { action }, _)) => (Some(action.to_string()), None),
-            Some((Reply::Filled { values }, _)) => (None, Some(json(values))),
+            Some((Reply::Filled { values }, _)) => (None, Some(filled(values, closed.attempts))),
             Some((Reply::Watched { viewings }, _)) => (None, Some(json(viewings))),
-            Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref()))),
-            Some((Reply::Declined, version)) => (None, Some(consent(false, version.as_deref()))),
+            Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref(), None))),
+            Some((Reply::AgreedTo { clauses }, version)) => {
+                (None, Some(consent(true, version.as_deref(), Some(clauses))))
+            }
+            Some((Reply::Declined, version)) => {
+                (None, Some(consent(false, version.as_deref(), None)))
+            }
             Some((Reply::Continued | Reply::GaveUp, _)) | None => (None, None),
         };
         Self {
@@ -175,8 +185,25 @@ impl NewAnswer {
     }
 }
 
-fn consent(agreed: bool, version: Option<&str>) -> String {
-    serde_json::json!({ "agreed": agreed, "version": version }).to_string()
+fn consent(
+    agreed: bool,
+    version: Option<&str>,
+    clauses: Option<&BTreeMap<String, bool>>,
+) -> String {
+    let mut consent = serde_json::json!({ "agreed": agreed, "version": version });
+    if let Some(clauses) = clauses {
+        consent["clauses"] = serde_json::json!(clauses);
+    }
+    consent.to_string()
+}
+
+/// The values of a form; those of a comprehension check with the number of attempts.
+fn filled(values: &Map<String, Value>, attempts: u32) -> String {
+    let mut values = values.clone();
+    if values.contains_key(FormStep::PASSED) {
+        values.insert(FormStep::ATTEMPTS.to_owned(), Value::from(attempts));
+    }
+    json(&values)
 }
 
 impl Effects {
@@ -193,6 +220,7 @@ impl Effects {
         self.write_events(connection).await?;
         self.write_runs(connection, facts).await?;
         self.write_answers(connection).await?;
+        bonuses::draw(connection, &self.paid).await?;
         self.write_counts(connection).await?;
         self.write_populations(connection).await
     }
@@ -370,6 +398,7 @@ impl Effects {
                     shown_at,
                     deadline,
                     facts.ended_at,
+                    facts.attempts,
                 ))
             })
             .collect();
@@ -381,7 +410,8 @@ impl Effects {
                 position = new.value ->> 2,
                 shown_at_ms = new.value ->> 3,
                 deadline_ms = new.value ->> 4,
-                finished_at_ms = ifnull(finished_at_ms, new.value ->> 5)
+                finished_at_ms = ifnull(finished_at_ms, new.value ->> 5),
+                attempts = new.value ->> 6
             from json_each(?) as new
             where run.id = new.value ->> 0
             "#,

@@ -92,6 +92,7 @@ struct RunStepRow {
     current: u32,
     shown_at_ms: Option<i64>,
     deadline_ms: Option<i64>,
+    attempts: u32,
     time_factor: f64,
     is_simulated: bool,
     is_preview: bool,
@@ -119,7 +120,7 @@ pub(super) async fn runs(
         r#"
         select
             run.id, run.study_id, run.state, run.position as current, run.shown_at_ms, run.deadline_ms,
-            run.time_factor, run.is_simulated, run.is_preview, run.condition, run.expires_at_ms,
+            run.attempts, run.time_factor, run.is_simulated, run.is_preview, run.condition, run.expires_at_ms,
             step.kind, step.block, step.limit_ms, step.problem_id
         from json_each(?) as asked
         join run on run.id = asked.value ->> 0
@@ -151,6 +152,7 @@ pub(super) async fn runs(
                     position: row.current,
                     shown_at: row.shown_at_ms.map(Timestamp),
                     deadline: row.deadline_ms.map(Timestamp),
+                    attempts: row.attempts,
                     expires_at: row.expires_at_ms.map(Timestamp),
                     ended_at: None,
                     factor: time_factor(row.time_factor)?,

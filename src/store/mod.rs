@@ -11,13 +11,14 @@
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
-//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
-//!   tables,
+//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
+//!   group of tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod accounts;
 mod answers;
 mod batch;
+mod bonuses;
 mod check;
 mod checkpoints;
 mod comparisons;
@@ -55,6 +56,7 @@ pub use accounts::{
     TokenState,
 };
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
+pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};

@@ -75,12 +75,14 @@ pub struct StepView {
     pub deadline: Option<Timestamp>,
     /// The limit as it holds for this person, extra time included.
     pub limit_ms: Option<u64>,
+    /// How often it was answered wrongly so far, for a comprehension check.
+    pub attempts: u32,
 }
 
-/// Whether all answers of a completed run are there.
+/// Whether all answers of a run that has ended are there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StoredCount {
-    /// Steps that ask or tell something.
+    /// Steps that ask or tell something; in a run that ended before its last step, those up to its end.
     pub steps: u32,
     /// Answers stored for them.
     pub answers: u32,
@@ -90,6 +92,11 @@ impl StoredCount {
     /// Whether each step has its answer.
     pub fn is_complete(self) -> bool {
         self.steps > 0 && self.steps == self.answers
+    }
+
+    /// Whether no step was closed.
+    pub fn is_empty(self) -> bool {
+        self.steps == 0 && self.answers == 0
     }
 }
 
@@ -190,6 +197,7 @@ struct RunRow {
     finished_at_ms: Option<i64>,
     shown_at_ms: Option<i64>,
     deadline_ms: Option<i64>,
+    attempts: u32,
     steps: u32,
     position: u32,
     kind: Option<String>,
@@ -238,7 +246,7 @@ impl Store {
             select
                 run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run_token.is_finisher, run.is_simulated,
                 run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
-                run.deadline_ms, run.position,
+                run.deadline_ms, run.attempts, run.position,
                 (select count(*) from step where step.run_id = run.id) as steps,
                 step.kind, step.block, step.question, step.limit_ms, step.data
             from run_token
@@ -303,7 +311,7 @@ impl Store {
         Ok(row.ok_or(Error::NotFound("step"))?.plan()?)
     }
 
-    /// Counts the stored answers of a run, for the page that shows its completion code.
+    /// Counts the stored answers of a run, for the page that shows its code.
     ///
     /// # Errors
     /// When the database fails.
@@ -311,7 +319,15 @@ impl Store {
         let (steps, answers) = sqlx::query_as(
             r#"
             select
-                (select count(*) from step where run_id = ?1 and kind <> 'thanks'),
+                (
+                    select count(*)
+                    from run
+                    join step on step.run_id = run.id
+                    where run.id = ?1
+                    and step.kind <> 'thanks'
+                    -- what a run that ended early never came to is not missing
+                    and (run.state in ('active', 'completed') or step.position < run.position)
+                ),
                 (select count(*) from answer where run_id = ?1)
             "#,
         )
@@ -406,6 +422,7 @@ impl RunRow {
                     shown_at,
                     deadline,
                     limit_ms,
+                    attempts: self.attempts,
                 })
             }
             (None, _, _) | (_, None, _) | (_, _, None) => None,

@@ -5,7 +5,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::{Change, RunId, json, load};
 use crate::study::{StudyId, Timestamp};
 
-/// Erases a run: its answers, events, steps, recruiting ids and its share of the counters. What stays is an anonymous
+/// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
 /// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much.
 ///
 /// A run that is withdrawn already, or does not exist, changes nothing.
@@ -42,13 +42,17 @@ pub(super) async fn erase(
         .bind(run)
         .execute(&mut *connection)
         .await?;
+    sqlx::query("delete from bonus where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?;
     forget_recruiting(connection, run).await?;
     sqlx::query(
         r#"
         update run
         set
-            state = 'withdrawn', position = 0, shown_at_ms = null, deadline_ms = null, platform = null,
-            platform_key = null, recruiting = null, source = null, finished_at_ms = ?
+            state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
+            platform = null, platform_key = null, recruiting = null, source = null, finished_at_ms = ?
         where id = ?
         "#,
     )

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use rand::Rng;
 use rand::seq::SliceRandom;
+use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use super::definition::{BlockBody, Choices, Order, Study, Unit};
 use super::step::ReplaysText;
-use super::{ActionId, BlockId, Condition, FactorId, LevelId, QuestionId, ReplayId};
+use super::{ActionId, BlockId, BonusTerms, Condition, FactorId, LevelId, QuestionId, ReplayId};
 
 /// What kind of step it is: the name under which it is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -43,7 +43,7 @@ impl StepKind {
 }
 
 /// One step of a run as it is stored: what was drawn, while texts come from the study's version.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepPlan {
     /// Its kind.
     pub kind: StepKind,
@@ -62,7 +62,7 @@ pub struct StepPlan {
 }
 
 /// What is particular to a step in one run.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct StepData {
     /// The question's factor levels, for whoever reads the stored run without its study file.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -79,6 +79,9 @@ pub struct StepData {
     /// How many questions its block asks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
+    /// What the last step pays, in a study with a bonus.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bonus: Option<BonusTerms>,
 }
 
 /// The block of the last step. A study file cannot use this id for a block of its own.
@@ -88,7 +91,7 @@ impl Study {
     /// Draws the whole run of one person: every step in order, with all random orders settled. Of a study with
     /// conditions it is what one of them meets, or without `condition` everything that the file holds.
     ///
-    /// Only orders that the file calls random use `rng`.
+    /// Only orders that the file calls random and the seed of a bonus use `rng`.
     pub fn draw_steps(&self, condition: Option<&Condition>, rng: &mut impl Rng) -> Vec<StepPlan> {
         let meets = |levels: &[(FactorId, LevelId)]| {
             condition.is_none_or(|condition| condition.takes(levels))
@@ -117,7 +120,12 @@ impl Study {
                 }
             }
         }
-        steps.push(plain_step(StepKind::Thanks, &BlockId::from(THANKS_BLOCK)));
+        let mut thanks = plain_step(StepKind::Thanks, &BlockId::from(THANKS_BLOCK));
+        thanks.data.bonus = self.bonus.clone().map(|bonus| BonusTerms {
+            bonus,
+            seed: rng.random(),
+        });
+        steps.push(thanks);
         steps
     }
 
@@ -155,6 +163,7 @@ impl Study {
                         replays: Vec::new(),
                         number: Some(position + 1),
                         of: Some(of),
+                        bonus: None,
                     },
                 }
             })

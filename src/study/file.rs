@@ -7,6 +7,7 @@ use serde::de::IgnoredAny;
 
 use super::Device;
 use super::definition::{Assign, Order};
+use super::step::AfterFailure;
 use super::template::{Scalar, Values};
 use crate::planning::table::{Outcome, Tower};
 
@@ -34,6 +35,7 @@ pub(super) struct RawStudy {
     pub(super) question: RawQuestionDefaults,
     pub(super) block: Vec<IgnoredAny>,
     pub(super) completion: RawCompletion,
+    pub(super) bonus: Option<RawBonus>,
     #[serde(default)]
     pub(super) recruiting: RawRecruiting,
     #[serde(default)]
@@ -119,6 +121,17 @@ pub(super) struct RawConsent {
     pub(super) decline: String,
     pub(super) declined_title: String,
     pub(super) declined_text: String,
+    #[serde(default)]
+    pub(super) clause: Vec<RawClause>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawClause {
+    pub(super) id: String,
+    pub(super) text: String,
+    #[serde(default)]
+    pub(super) required: bool,
 }
 
 #[derive(Debug, Deserialize)]
@@ -221,6 +234,9 @@ pub(super) struct RawForm {
     #[serde(default)]
     pub(super) text: String,
     pub(super) button: String,
+    pub(super) attempts: Option<u32>,
+    pub(super) hint: Option<String>,
+    pub(super) then: Option<AfterFailure>,
     pub(super) field: Vec<RawField>,
 }
 
@@ -233,21 +249,41 @@ pub(super) struct RawField {
     pub(super) hint: Option<String>,
     #[serde(default)]
     pub(super) required: bool,
-    pub(super) min: Option<i64>,
-    pub(super) max: Option<i64>,
+    pub(super) min: Option<f64>,
+    pub(super) max: Option<f64>,
+    pub(super) digits: Option<u32>,
     pub(super) max_length: Option<usize>,
     pub(super) options: Option<Vec<RawOption>>,
     pub(super) other: Option<bool>,
-    pub(super) expected: Option<String>,
+    pub(super) scale: Option<Vec<String>>,
+    pub(super) points: Option<usize>,
+    pub(super) low: Option<String>,
+    pub(super) high: Option<String>,
+    pub(super) items: Option<Vec<RawItem>>,
+    pub(super) correct: Option<RawAnswer>,
+    pub(super) expected: Option<RawAnswer>,
     pub(super) autocomplete: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub(super) enum RawFieldKind {
     Integer,
+    Number,
     Text,
+    LongText,
     Choice,
+    Choices,
+    Likert,
+}
+
+/// An answer as the file writes it down: an option's id, several of them, or a number.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum RawAnswer {
+    One(String),
+    Several(Vec<String>),
+    Number(f64),
 }
 
 #[derive(Debug, Deserialize)]
@@ -255,6 +291,18 @@ pub(super) enum RawFieldKind {
 pub(super) struct RawOption {
     pub(super) id: String,
     pub(super) label: String,
+    #[serde(default)]
+    pub(super) screens_out: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawItem {
+    pub(super) id: String,
+    pub(super) text: String,
+    #[serde(default)]
+    pub(super) reverse: bool,
+    pub(super) expected: Option<i64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -264,6 +312,30 @@ pub(super) struct RawCompletion {
     pub(super) text: String,
     pub(super) code: Option<String>,
     pub(super) redirect: Option<String>,
+    #[serde(default)]
+    pub(super) screened_out: RawEnding,
+    #[serde(default)]
+    pub(super) failed_check: RawEnding,
+    #[serde(default)]
+    pub(super) timed_out: RawEnding,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawEnding {
+    pub(super) title: Option<String>,
+    pub(super) text: Option<String>,
+    pub(super) code: Option<String>,
+    pub(super) redirect: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawBonus {
+    pub(super) currency: String,
+    pub(super) rate: f64,
+    #[serde(default)]
+    pub(super) endowment: f64,
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -1,14 +1,20 @@
 //! Accounts, sessions, tokens: who may do what, with which status, and what the log says of it.
 
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode, header, redirect::Policy};
+use riskaware::clock::Clock;
 use riskaware::store::{
     AccountId, AuditOutcome, AuditRow, NewAccount, NewApiToken, PasswordHash, Role,
     SESSION_IDLE_MS, SESSION_LIFE_MS, Scope, Token,
 };
 use riskaware::study::Timestamp;
+use riskaware::web::Settings;
 use riskaware::web::access::{Need, ROUTES, Route, Rule};
+use sqlx::{Connection, sqlite::SqliteConnection};
 
-use crate::app::{App, Page};
+use crate::{
+    app::{App, Page, START},
+    program::{riskaware, stderr, stdout},
+};
 
 const PASSWORD: &str = "a long password";
 
@@ -708,4 +714,208 @@ async fn the_eleventh_login_within_five_minutes_has_to_wait() {
         .unwrap();
     app.clock.advance(wait * 1000);
     assert_eq!(browser.logs_in("anna", PASSWORD).await.status(), 303);
+}
+
+/// `riskaware` with these arguments on the app's database, and what it printed.
+async fn command(app: &App, arguments: &[&str], input: &'static str) -> (bool, String, String) {
+    let path = app.store.path().to_str().unwrap().to_owned();
+    let mut arguments: Vec<String> = arguments.iter().map(|part| (*part).to_owned()).collect();
+    arguments.extend([
+        "--database".to_owned(),
+        path,
+        "--log".to_owned(),
+        "warn".to_owned(),
+    ]);
+    let run = move || {
+        let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        riskaware(&arguments, input)
+    };
+    let output = tokio::task::spawn_blocking(run).await.unwrap();
+    (output.status.success(), stdout(&output), stderr(&output))
+}
+
+#[tokio::test]
+async fn commands_make_accounts_and_tokens_while_the_server_runs() {
+    let app = App::with(Clock::start(), App::built_in()).await;
+    let link = token(1);
+    app.store.renew_setup_link(&link).await.unwrap();
+    let (done, _, told) = command(&app, &["user", "add", "anna"], "short\n").await;
+    assert!(!done && told.contains("12 to 128 characters"), "{told}");
+    let (done, _, told) = command(&app, &["user", "add", "anna"], "a long password\n").await;
+    assert!(done, "{told}");
+    let browser = Browser::logged_in(&app, "anna").await;
+    assert_eq!(browser.gets("/results/driving").await.status(), 200);
+    assert_eq!(browser.gets(&format!("/setup/{link}")).await.status(), 404);
+
+    let add = [
+        "token",
+        "add",
+        "notebook",
+        "--scope",
+        "results",
+        "--days",
+        "7",
+        "--account",
+        "anna",
+    ];
+    let (done, printed, told) = command(&app, &add, "").await;
+    assert!(done, "{told}");
+    let token: Token = printed.trim().parse().unwrap();
+    assert_eq!(call(&app, SUMMARY, &token).await.status(), 200);
+    assert_eq!(call(&app, ANSWERS, &token).await.status(), 403);
+    let (_, listed, _) = command(&app, &["token", "list"], "").await;
+    assert!(
+        listed.starts_with("1\tnotebook\tanna\tresults\tuntil "),
+        "{listed}"
+    );
+    assert!(!listed.contains(printed.trim()), "{listed}");
+    assert!(command(&app, &["token", "revoke", "1"], "").await.0);
+    assert_eq!(call(&app, SUMMARY, &token).await.status(), 401);
+    let (done, _, told) = command(
+        &app,
+        &["token", "add", "x", "--scope", "all", "--days", "7"],
+        "",
+    )
+    .await;
+    assert!(!done && told.contains("unknown scope `all`"), "{told}");
+
+    assert!(
+        command(&app, &["user", "role", "anna", "viewer"], "")
+            .await
+            .0
+    );
+    assert_eq!(browser.gets(EXPORT).await.status(), 403);
+    assert!(
+        command(&app, &["user", "password", "anna"], "another password\n")
+            .await
+            .0
+    );
+    assert_eq!(
+        browser.gets("/results/driving").await.status(),
+        303,
+        "its sessions end"
+    );
+    assert!(command(&app, &["user", "disable", "anna"], "").await.0);
+    assert_eq!(
+        Browser::new(&app)
+            .logs_in("anna", "another password")
+            .await
+            .status(),
+        422
+    );
+    let (_, listed, _) = command(&app, &["user", "list"], "").await;
+    assert!(listed.starts_with("anna\tviewer\tdisabled "), "{listed}");
+    let rows = log(&app).await;
+    for action in [
+        "make an account",
+        "make a token",
+        "revoke a token",
+        "change a role",
+        "set a password",
+        "disable an account",
+    ] {
+        has(&rows, "command", action, AuditOutcome::Done);
+    }
+}
+
+#[tokio::test]
+async fn a_look_at_a_blind_study_is_written_down() {
+    let mut studies = App::built_in();
+    for (_, text) in &mut studies {
+        *text = text.replace("# blind_until = 30 ", "blind_until = 3 #");
+    }
+    let app = App::with(Clock::manual(START), studies).await;
+    account(&app, "viktor", Role::Viewer).await;
+    let browser = Browser::logged_in(&app, "viktor").await;
+    assert_eq!(browser.gets("/results/driving").await.status(), 200);
+    let rows = log(&app).await;
+    has(&rows, "viktor", "look at results", AuditOutcome::Done);
+    let look = rows.last().unwrap();
+    assert_eq!(look.at, app.clock.now());
+    assert_eq!(look.entry.study, Some("driving".into()));
+}
+
+#[tokio::test]
+async fn the_log_is_only_appended_to() {
+    let app = App::start().await;
+    account(&app, "anna", Role::Researcher).await;
+    Browser::logged_in(&app, "anna").await;
+    let mut raw = SqliteConnection::connect(app.store.path().to_str().unwrap())
+        .await
+        .unwrap();
+    for change in ["update audit set actor = 'nobody'", "delete from audit"] {
+        let refused = sqlx::query(change).execute(&mut raw).await.unwrap_err();
+        assert!(
+            refused.to_string().contains("only appended to"),
+            "{refused}"
+        );
+    }
+    assert_eq!(log(&app).await.len(), 1);
+}
+
+#[tokio::test]
+async fn https_is_demanded_where_the_public_url_says_so() {
+    let settings = Settings {
+        public_url: Some("https://study.example".parse().unwrap()),
+        ..Settings::default()
+    };
+    let app = App::configured(Clock::manual(START), App::built_in(), settings).await;
+    account(&app, "anna", Role::Researcher).await;
+    let browser = Browser::logged_in(&app, "anna").await;
+    assert!(
+        browser
+            .cookie
+            .as_ref()
+            .unwrap()
+            .starts_with("__Host-riskaware=")
+    );
+    let response = browser.gets("/account").await;
+    assert_eq!(response.status(), 200);
+    assert_eq!(
+        response.headers()[header::STRICT_TRANSPORT_SECURITY],
+        "max-age=31536000"
+    );
+
+    let plain = App::start().await;
+    let response = Browser::new(&plain).gets("/").await;
+    assert!(
+        !response
+            .headers()
+            .contains_key(header::STRICT_TRANSPORT_SECURITY)
+    );
+}
+
+#[tokio::test]
+async fn starts_from_one_address_are_limited_and_answers_of_one_run() {
+    let settings = Settings {
+        trusted_proxies: vec!["127.0.0.1".parse().unwrap()],
+        ..Settings::default()
+    };
+    let app = App::configured(Clock::manual(START), App::built_in(), settings).await;
+    let starts = async |address: &str| {
+        let path = format!("{}/s/driving/a/{}", app.url, token(1));
+        let request = app.client.post(path).header("x-forwarded-for", address);
+        request.send().await.unwrap()
+    };
+    for _ in 0..60 {
+        assert_eq!(starts("192.0.2.1").await.status(), 404);
+    }
+    let refused = starts("192.0.2.1").await;
+    assert_eq!(refused.status(), 429);
+    assert!(refused.headers().contains_key(header::RETRY_AFTER));
+    assert_eq!(starts("192.0.2.2").await.status(), 404, "another address");
+    app.clock.advance(1_000);
+    assert_eq!(starts("192.0.2.1").await.status(), 404);
+
+    let answers = async |seed| {
+        let path = format!("{}/r/{}", app.url, token(seed));
+        let form = [("step", "0"), ("key", "k")];
+        let request = app.client.post(path).form(&form);
+        request.send().await.unwrap().status().as_u16()
+    };
+    for _ in 0..120 {
+        assert_eq!(answers(1).await, 404);
+    }
+    assert_eq!(answers(1).await, 429);
+    assert_eq!(answers(2).await, 404, "another run");
 }

@@ -7,7 +7,10 @@ use rand_chacha::ChaCha12Rng;
 use riskaware::{
     jobs::{self, Catalogue},
     store::{Change, NewArrival, NewRun, Population, Store, Submission, Token, draw_run},
-    study::{ActionId, Reply, Step, StudyId, TimeFactor, step::ClientTiming},
+    study::{
+        ActionId, Reply, Step, StudyId, TimeFactor,
+        step::{Assessment, ClientTiming},
+    },
 };
 use tokio::sync::broadcast::error::RecvError;
 use tokio_util::sync::CancellationToken;
@@ -78,6 +81,7 @@ pub async fn completes(
             reply,
             timing: ClientTiming::default(),
             consent_version,
+            assessment: Assessment::Passes,
         };
         store.submit(started.run, submission).await.unwrap();
     }

@@ -1,12 +1,24 @@
-//! `riskaware study`: what a researcher does with a study from the terminal.
+//! `riskaware study`: what a researcher does with a study from the terminal, one command a file.
 
+mod check;
+mod new;
+mod report;
 mod state;
+mod warnings;
+
+use std::process::ExitCode;
 
 use clap::Subcommand;
+
+use super::block_on;
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Write a commented study file to start from
+    New(new::Arguments),
+    /// Check a study file and show what it amounts to
+    Check(check::Arguments),
     /// Let a study take people in
     Open(state::Arguments),
     /// Let nobody new into a study; those under way finish
@@ -18,11 +30,13 @@ pub enum Command {
 /// Carries a command out.
 ///
 /// # Errors
-/// When the database or the study cannot be used; the message says why.
-pub async fn run(command: Command) -> anyhow::Result<()> {
+/// When the file, the database or the study cannot be used; the message says why.
+pub fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
-        Command::Open(arguments) => state::run(arguments, state::Change::Open).await,
-        Command::Pause(arguments) => state::run(arguments, state::Change::Pause).await,
-        Command::Close(arguments) => state::run(arguments, state::Change::Close).await,
+        Command::New(arguments) => new::run(&arguments).map(|()| ExitCode::SUCCESS),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Open(arguments) => block_on(state::run(arguments, state::Change::Open)),
+        Command::Pause(arguments) => block_on(state::run(arguments, state::Change::Pause)),
+        Command::Close(arguments) => block_on(state::run(arguments, state::Change::Close)),
     }
 }

@@ -152,11 +152,12 @@ async fn password_page(
 
 /// POST `/account/password`: all sessions end but a new one of this browser.
 pub(super) async fn set_password(
-    State(store): State<Store>,
-    State(chance): State<Chance>,
-    State(settings): State<Arc<Settings>>,
-    State(limits): State<Arc<Limits>>,
-    Extension(client): Extension<ClientAddress>,
+    (State(store), State(chance), State(settings)): (
+        State<Store>,
+        State<Chance>,
+        State<Arc<Settings>>,
+    ),
+    (State(limits), Extension(client)): (State<Arc<Limits>>, Extension<ClientAddress>),
     caller: Extension<Caller>,
     headers: HeaderMap,
     Form(form): Form<PasswordForm>,

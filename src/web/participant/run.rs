@@ -15,8 +15,8 @@ use super::{
     Looking,
     arrival::read_token,
     pages::{
-        ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome, PageClock,
-        Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
+        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
+        PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
     },
     withdrawal::{gone, withdrawn},
 };
@@ -24,10 +24,11 @@ use crate::{
     chance::Chance,
     jobs::Catalogue,
     store::{
-        self, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict,
+        self, PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission,
+        Token, Verdict,
     },
     study::{
-        CompletionCode, Step, Study, Timestamp,
+        CompletionCode, Ending, Step, StepPlan, Study, Timestamp,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
     web::{AppState, Error, Replays, Settings, replays},
@@ -206,6 +207,7 @@ impl RunPages {
         Ok(step.read(fields).map(|reply| Submission {
             position,
             key,
+            assessment: step.assess(&reply),
             reply,
             timing: ClientTiming::read(fields),
             consent_version,
@@ -284,28 +286,16 @@ impl RunPages {
         match (run.state, step) {
             (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
             (RunState::Declined, _) => declined(&study),
-            (RunState::ScreenedOut, _) => Ok(ended_early(
-                "You cannot take part",
-                "The study needs other participants than you are, as your answers told. Thank you for your time.",
-            )
-            .into_response()),
-            (RunState::FailedCheck, _) => Ok(ended_early(
-                "The study ends here for you",
-                "A question about the instructions was not answered as they say. Thank you for your time.",
-            )
-            .into_response()),
-            (RunState::TimedOut, _) => Ok(ended_early(
-                "The time for this study is over",
-                "The study was not finished in time, and your place went to somebody else. What you answered is stored, and is not counted as a finished run.",
-            )
-            .into_response()),
+            (RunState::ScreenedOut, _) => self.ended(token, run, &study, Ending::ScreenedOut).await,
+            (RunState::FailedCheck, _) => self.ended(token, run, &study, Ending::FailedCheck).await,
+            (RunState::TimedOut, _) => self.ended(token, run, &study, Ending::TimedOut).await,
             (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
-                self.thanks(token, run, &study).await
+                self.ended(token, run, &study, Ending::Completed).await
             }
             (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
                 run: self.link(token, run, shown),
                 text,
-                errors: rejected.errors,
+                rejected,
             }
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
@@ -331,7 +321,8 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Form(text)) => {
-                Ok(FormPage::new(self.link(token, run, shown), text, &rejected).into_response())
+                let link = self.link(token, run, shown);
+                Ok(FormPage::new(link, text, shown.attempts, &rejected).into_response())
             }
         }
     }
@@ -357,35 +348,45 @@ impl RunPages {
         }
     }
 
-    /// The code is shown only after the stored answers were counted, and only to the links on which the run was
-    /// started or finished.
-    async fn thanks(&self, token: &Token, run: &RunView, study: &Study) -> Result<Response, Error> {
-        let completion = study.completion();
+    /// The page of a run that has ended. Its code is shown only after the stored answers were counted, and only to the
+    /// links on which the run was started or finished; so is its bonus.
+    async fn ended(
+        &self,
+        token: &Token,
+        run: &RunView,
+        study: &Study,
+        ending: Ending,
+    ) -> Result<Response, Error> {
+        let page = study.ending(ending);
         let stored = self.store.stored_count(run.run).await?;
-        if !stored.is_complete() {
+        // A run whose time was over may have ended before its first answer.
+        let ended_before_all = ending == Ending::TimedOut && stored.is_empty();
+        if !(stored.is_complete() || ended_before_all) {
             return Err(Error::Internal(anyhow::anyhow!(
-                "run {} is complete but has {} answers for {} steps",
+                "run {} has ended but has {} answers for {} steps",
                 run.run,
                 stored.answers,
                 stored.steps
             )));
         }
         let outcome = if run.shows_code {
-            let code = match &completion.code {
-                CompletionCode::Fixed(code) => code.clone(),
-                CompletionCode::PerRun => self.store.completion_code(run.run),
+            let code = match &page.code {
+                CompletionCode::Fixed(code) => Some(code.clone()),
+                CompletionCode::PerRun => Some(self.store.completion_code(run.run)),
+                CompletionCode::Absent => None,
             };
             Outcome::Finished {
-                redirect: completion.redirect_url(&code),
+                redirect: page.redirect_url(code.as_deref().unwrap_or_default()),
                 code,
                 stored: stored.answers,
+                bonus: self.bonus(run, study).await?,
             }
         } else {
             Outcome::AlreadyTaken
         };
         Ok(ThanksPage {
             token,
-            completion,
+            ending: page,
             outcome,
             is_preview: run.is_preview,
             withdrawal: run.is_owner.then(|| LaterWithdrawal {
@@ -395,6 +396,48 @@ impl RunPages {
         }
         .into_response())
     }
+
+    /// What is paid beside the fee, and which choice it comes from.
+    async fn bonus(&self, run: &RunView, study: &Study) -> Result<Option<BonusText>, Error> {
+        let Some(terms) = study.bonus() else {
+            return Ok(None);
+        };
+        let Some(bonus) = self.store.bonus(run.run).await? else {
+            return Ok(None);
+        };
+        let choice = match &bonus.choice {
+            Some(choice) => {
+                let plan = self.store.step(run.run, choice.position).await?;
+                paid_choice(study, &plan, choice)?
+            }
+            None => None,
+        };
+        Ok(Some(BonusText {
+            amount: terms.format(bonus.amount),
+            choice,
+        }))
+    }
+}
+
+fn paid_choice(
+    study: &Study,
+    plan: &StepPlan,
+    paid: &PaidChoice,
+) -> Result<Option<PaidChoiceText>, Error> {
+    let Step::Choice(question) = study.step(plan)? else {
+        return Ok(None);
+    };
+    let action = question
+        .actions
+        .iter()
+        .find(|action| action.id == *paid.action)
+        .map_or_else(|| paid.action.clone(), |action| action.label.clone());
+    Ok(Some(PaidChoiceText {
+        question: question.title.to_owned(),
+        place: format!("{} of {}", question.number, question.of),
+        action,
+        reward: study.reward_unit().format(paid.reward),
+    }))
 }
 
 /// The day that ends when the retention time does.
@@ -403,14 +446,6 @@ fn last_day(retention: Timestamp) -> String {
         |_| format!("{} ms after 1970", retention.0),
         |moment| moment.strftime("%-d %B %Y").to_string(),
     )
-}
-
-/// What somebody is shown whose run ended before its last step, then and whenever they come back.
-fn ended_early(title: &str, text: &str) -> NotePage {
-    NotePage {
-        title: title.to_owned(),
-        text_html: format!("<p>{text}</p>"),
-    }
 }
 
 /// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.

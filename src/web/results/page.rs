@@ -510,6 +510,11 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
                 &item.field,
             )
             .await?;
+        // As the database writes what it stores: a text as it is, the rest as JSON.
+        let expected = item
+            .expected
+            .as_str()
+            .map_or_else(|| item.expected.to_string(), str::to_owned);
         let n = given
             .iter()
             .filter(|answer| answer.value.is_some())
@@ -517,7 +522,7 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
             .sum();
         let as_asked = given
             .iter()
-            .filter(|answer| answer.value.as_deref() == Some(&item.expected))
+            .filter(|answer| answer.value.as_deref() == Some(expected.as_str()))
             .map(|answer| answer.n)
             .sum();
         found.push(Attention {

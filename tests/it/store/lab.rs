@@ -10,7 +10,7 @@ use riskaware::store::{
     Options, Population, RunId, Started, Store, StudyState, Submission, Submitted, Token, Verdict,
     VersionId,
 };
-use riskaware::study::step::ClientTiming;
+use riskaware::study::step::{Assessment, ClientTiming};
 use riskaware::study::{
     ActionId, BlockId, QuestionId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor,
     Timestamp,
@@ -254,6 +254,7 @@ pub fn form(position: u32, key: &str, reply: Reply) -> Submission {
         reply,
         timing: ClientTiming::default(),
         consent_version,
+        assessment: Assessment::Passes,
     }
 }
 

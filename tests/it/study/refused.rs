@@ -551,7 +551,7 @@ fn forms() {
         "min = 18\nmax_length = 3",
         "block[you].field[age].max_length",
         "kind `integer`",
-        "`text` only",
+        "`text`, `long_text` only",
     );
     check(
         "max_length = 10",
