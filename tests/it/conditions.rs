@@ -7,12 +7,13 @@ use rand_chacha::ChaCha8Rng;
 use reqwest::{Client, StatusCode, redirect::Policy};
 use riskaware::{
     clock::Clock,
-    store::{Population, RunState, StudyState},
-    study::{ConditionId, StepKind, Study, StudyId},
+    jobs::{Catalogue, closing},
+    store::{AnswerKey, Population, RunState, StudyState},
+    study::{ConditionId, Device, StepKind, Study, StudyId, Timestamp},
 };
 use tokio::task::JoinSet;
 
-use crate::app::{App, Page, START};
+use crate::app::{App, Page, Participant, START};
 
 pub const BETWEEN: &str = include_str!("../data/between.toml");
 
@@ -141,10 +142,7 @@ async fn a_quota_of_a_hundred_and_fifty_lets_exactly_so_many_in() {
         .unwrap();
     let refused = Page::of(refused).await;
     assert_eq!(refused.status, StatusCode::GONE);
-    assert!(
-        refused.html.contains("all places of this study are taken")
-            || refused.html.contains("All places of this study are taken")
-    );
+    assert!(refused.html.contains("All places of this study are taken"));
     let totals = app
         .store
         .totals(&StudyId::from("between"), Population::People)
@@ -248,4 +246,172 @@ async fn dates_and_devices_decide_who_starts() {
     assert_eq!(app.get("/s/between").await.status, StatusCode::GONE);
     under_way.finishes("safe").await;
     app.stop().await;
+}
+
+#[tokio::test]
+async fn a_preview_starts_in_every_state_and_never_counts() {
+    let file = (
+        "between.toml".to_owned(),
+        with_recruiting("quota = 1").replace("open = true\n", ""),
+    );
+    let app = App::with(Clock::manual(START), vec![file]).await;
+    let landing = app
+        .client
+        .post(format!("{}/studies/between/preview", app.url))
+        .send()
+        .await
+        .unwrap();
+    let landing = Page::of(landing).await;
+    assert!(landing.html.contains("Preview: nothing you do here counts"));
+    let action = landing.attribute("form", "action").unwrap();
+    let response = app
+        .client
+        .post(format!("{}{action}", app.url))
+        .send()
+        .await
+        .unwrap();
+    let mut researcher = Participant {
+        client: app.client.clone(),
+        link: response.url().to_string(),
+        page: Page::of(response).await,
+    };
+    assert!(
+        researcher
+            .page
+            .html
+            .contains("Preview: nothing you do here counts")
+    );
+    researcher.finishes("bold").await;
+    assert!(
+        researcher
+            .page
+            .html
+            .contains("Preview: nothing you do here counts")
+    );
+    let study = StudyId::from("between");
+    let totals = app.store.totals(&study, Population::People).await.unwrap();
+    assert_eq!((totals.started, totals.completed), (0, 0));
+    assert!(places(&app).await.is_empty());
+    let counts = app.store.cell_counts(&study, Population::People);
+    assert_eq!(counts.await.unwrap(), []);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn whoever_finished_can_withdraw_until_the_retention_date() {
+    let app = serve("retention = 2026-01-31").await;
+    let catalogue = Catalogue::publish(
+        &app.store,
+        vec![(
+            "between.toml".to_owned(),
+            with_recruiting("retention = 2026-01-31"),
+        )],
+    )
+    .await
+    .unwrap();
+    let mut early = app.participant_of("/s/between?PROLIFIC_PID=5f3").await;
+    early.finishes("bold").await;
+    let link = early
+        .page
+        .attribute("main a[href$=withdraw]", "href")
+        .unwrap();
+    assert!(early.page.html.contains("until 31 January 2026"));
+    let mut late = app.participant_of("/s/between?PROLIFIC_PID=8c1").await;
+    late.finishes("safe").await;
+
+    app.clock.advance(30 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store, &catalogue).await;
+    let withdrawn = app
+        .client
+        .post(format!("{}{link}", app.url))
+        .send()
+        .await
+        .unwrap();
+    let withdrawn = Page::of(withdrawn).await;
+    assert!(withdrawn.html.contains("Your answers are erased"));
+
+    app.clock.advance(2 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store, &catalogue).await;
+    assert_eq!(late.reloads().await.status, StatusCode::NOT_FOUND);
+    let path = format!("/r/{}/withdraw", late.token());
+    let gone = app.get(&path).await;
+    assert_eq!(gone.status, StatusCode::NOT_FOUND);
+    assert!(gone.html.contains("can no longer be taken out"));
+    let study = StudyId::from("between");
+    let totals = app.store.totals(&study, Population::People).await.unwrap();
+    assert_eq!((totals.completed, totals.withdrawn), (1, 1));
+    let answers = app
+        .store
+        .answers(&study, Population::People, AnswerKey::START, 100)
+        .await
+        .unwrap();
+    assert_eq!(answers.len(), 2, "what was answered stays, anonymous");
+    let again = app.participant_of("/s/between?PROLIFIC_PID=8c1").await;
+    assert!(again.page.text(".completion__code").is_none());
+    assert_eq!(app.store.check_answers().await.unwrap(), []);
+    assert_eq!(app.store.check_counters().await.unwrap(), []);
+    app.stop().await;
+}
+
+#[track_caller]
+fn refused(keys: &str, key: &str, allowed: &str) {
+    let text = with_recruiting(keys);
+    let error = Study::parse("between.toml", &text).unwrap_err();
+    assert_eq!(error.key(), key, "{error}");
+    assert!(error.allowed().contains(allowed), "{error}");
+    let position = text.lines().position(|line| line == keys).unwrap();
+    assert_eq!(error.line(), Some(position + 1), "{error}");
+}
+
+#[test]
+fn recruiting_keys_are_refused_by_line_and_name() {
+    refused("quota = 0", "recruiting.quota", "1 to 1000000");
+    refused("quota = \"many\"", "recruiting.quota", "a whole number");
+    refused(
+        "opens = 2026-12-01T09:00:00",
+        "recruiting.opens",
+        "with its offset",
+    );
+    refused("devices = []", "recruiting.devices", "`tablet`");
+    refused(
+        "devices = [\"phone\", \"phone\"]",
+        "recruiting.devices[1]",
+        "each device once",
+    );
+    refused("time_limit_min = 1", "recruiting.time_limit_min", "from 2");
+    refused(
+        "mturk = { fram = true }",
+        "recruiting.mturk.fram",
+        "`frame`",
+    );
+    let both = "opens = 2026-12-02\ncloses = 2026-12-01";
+    let error = Study::parse("between.toml", &with_recruiting(both)).unwrap_err();
+    assert_eq!(error.key(), "recruiting.closes", "{error}");
+}
+
+#[test]
+fn recruiting_keys_are_read() {
+    let keys = r#"
+quota = 120
+opens = 2026-12-01T10:00:00+01:00
+closes = 2026-12-31
+devices = ["phone", "desktop"]
+retention = 2027-12-31
+filters = ["Lives in the United States"]
+mturk = { frame = true }
+"#;
+    let study = Study::parse("between.toml", &with_recruiting(keys)).unwrap();
+    let recruiting = study.recruiting();
+    let at = |text: &str| {
+        let moment: jiff::Timestamp = text.parse().unwrap();
+        Some(Timestamp(moment.as_millisecond()))
+    };
+    assert_eq!(recruiting.quota, Some(120));
+    assert_eq!(recruiting.opens, at("2026-12-01T09:00:00Z"));
+    assert_eq!(recruiting.closes, at("2027-01-01T00:00:00Z"));
+    assert_eq!(recruiting.retention, at("2028-01-01T00:00:00Z"));
+    assert_eq!(recruiting.devices, [Device::Phone, Device::Desktop]);
+    assert_eq!(recruiting.filters, ["Lives in the United States"]);
+    assert_eq!(recruiting.time_limit_ms, Some(30 * 60_000));
+    assert!(recruiting.mturk_frame);
 }

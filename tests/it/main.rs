@@ -26,5 +26,6 @@ mod simulation;
 mod store;
 mod study;
 mod study_command;
+mod study_folder;
 mod survey;
 mod sweep;
