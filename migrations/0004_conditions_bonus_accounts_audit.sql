@@ -111,11 +111,11 @@ create index event_repeated on event (repeat_of) where repeat_of is not null;
 -- What a finished person is paid beside the fee: one of their choices, drawn after the last answer, is played out.
 create table bonus (
     run_id integer primary key references run (id),
-    -- The choice that was drawn.
-    position integer not null,
-    action text not null,
+    -- The choice that was drawn. Empty where there was none to draw from, and the endowment alone is paid.
+    position integer,
+    action text,
     -- The outcome that was drawn of that action's outcomes.
-    reward real not null,
+    reward real,
     -- What it comes to in the bonus's currency.
     amount real not null,
     drawn_at_ms integer not null
@@ -127,6 +127,8 @@ create table account (
     -- Argon2id in PHC form.
     password_hash text not null,
     role text not null,
+    -- Whether the password was chosen by somebody else and is only good for choosing another one.
+    must_change_password integer not null default 0 check (must_change_password in (0, 1)),
     created_at_ms integer not null,
     -- Since when it opens nothing any more. An account is never removed, because the log names it.
     disabled_at_ms integer

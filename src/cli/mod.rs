@@ -1,5 +1,6 @@
 //! The commands of the `riskaware` binary.
 
+mod accounts;
 mod calibrate;
 mod choice_files;
 mod demo;
@@ -16,6 +17,7 @@ mod predict;
 mod recover;
 mod serve;
 pub mod simulation;
+mod study;
 mod sweep;
 mod sweep_drawing;
 mod sweep_text;
@@ -76,6 +78,13 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
+    /// Begin or check a study file; open, pause or close a study
+    #[command(subcommand)]
+    Study(study::Command),
+    /// Make and change accounts
+    User(accounts::user::UserArgs),
+    /// Make and revoke tokens of the API
+    Token(accounts::token::TokenArgs),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
     /// Write the OpenAPI document of the server's API
@@ -127,6 +136,9 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Study(command) => study::run(command),
+            Self::User(args) => block_on(accounts::user::run(args)),
+            Self::Token(args) => block_on(accounts::token::run(args)),
             Self::Health(args) => block_on(health::run(args)),
             Self::OpenApi => {
                 output::print(crate::web::document().as_bytes()).map(|()| ExitCode::SUCCESS)

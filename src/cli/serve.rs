@@ -2,8 +2,8 @@
 
 use std::{
     io::Write,
-    net::SocketAddr,
-    path::{Path, PathBuf},
+    net::{IpAddr, SocketAddr},
+    path::PathBuf,
     sync::Arc,
 };
 
@@ -15,10 +15,10 @@ use tokio_util::sync::CancellationToken;
 use crate::{
     chance::Chance,
     clock::Clock,
-    jobs::{self, Catalogue, Sweeps},
-    store::{Options, Population, Store},
+    jobs::{self, Catalogue, Prepare, StudyFolder, Sweeps},
+    store::{Options, Population, Store, Token},
     study,
-    web::{self, AppState, Replays, Settings},
+    web::{self, AppState, Limits, PublicUrl, Replays, Settings},
 };
 
 /// Settings of the server.
@@ -30,12 +30,28 @@ pub struct ServeArgs {
     /// The database file; it is made if it does not exist
     #[arg(long, env = "RISKAWARE_DATABASE", default_value = "riskaware.db")]
     pub database: PathBuf,
-    /// A folder with study files (*.toml) to serve beside the built-in ones; the same id replaces a built-in study
+    /// A folder with study files (*.toml) to serve beside the built-in ones; the same id replaces a built-in study.
+    /// It is looked at while the server runs: a changed file is served to whoever starts from then on
     #[arg(long, env = "RISKAWARE_STUDIES")]
     pub studies: Option<PathBuf>,
     /// Show results and API to everybody who can reach the server, not to this machine alone
     #[arg(long, env = "RISKAWARE_OPEN_RESULTS", value_parser = clap::builder::FalseyValueParser::new())]
     pub open_results: bool,
+    /// The address under which others reach the server, such as https://study.example.org: links are printed with it,
+    /// and with https cookies and browsers are bound to it
+    #[arg(long, env = "RISKAWARE_PUBLIC_URL")]
+    pub public_url: Option<PublicUrl>,
+    /// The address of a proxy that is believed when it says in X-Forwarded-For whom a request is from; may be repeated
+    #[arg(
+        long = "trusted-proxy",
+        value_name = "ADDRESS",
+        env = "RISKAWARE_TRUSTED_PROXIES",
+        value_delimiter = ','
+    )]
+    pub trusted_proxies: Vec<IpAddr>,
+    /// How many people may start per minute from one address; a campus may share one
+    #[arg(long, env = "RISKAWARE_STARTS_PER_MINUTE", default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub starts_per_minute: u32,
 }
 
 impl ServeArgs {
@@ -46,6 +62,9 @@ impl ServeArgs {
             database,
             studies: None,
             open_results: false,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+            starts_per_minute: 60,
         }
     }
 }
@@ -57,7 +76,8 @@ impl ServeArgs {
 pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
     let server = Server::open(&args, Population::People).await?;
     let address = server.listener.local_addr()?;
-    announce(address, &args, &server.state)?;
+    let setup_link = setup_link(&server.state).await?;
+    announce(address, &args, &server.state, setup_link.as_ref())?;
     server.run(asked_to_stop()?).await
 }
 
@@ -65,6 +85,8 @@ pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
 pub(super) struct Server {
     pub listener: TcpListener,
     pub state: AppState,
+    /// The lab's study files, if it has some.
+    folder: Option<StudyFolder>,
 }
 
 impl Server {
@@ -75,38 +97,66 @@ impl Server {
                 args.listen
             )
         })?;
-        let studies = study_files(args.studies.as_deref())?;
         let store = Store::open(Options::at(&args.database), Clock::start())
             .await
             .with_context(|| format!("opening the database {}", args.database.display()))?;
-        let catalogue = Catalogue::publish(&store, studies)
-            .await
-            .context("reading the study files")?;
+        let mut folder = args.studies.as_deref().map(StudyFolder::new);
+        let catalogue = match &mut folder {
+            Some(folder) => folder
+                .publish(&store)
+                .await
+                .context("reading the study files")?,
+            None => Catalogue::publish(&store, built_in())
+                .await
+                .context("reading the study files")?,
+        };
         let replays = Replays::of(&catalogue);
         replays
             .compute()
             .map_err(|(id, error)| anyhow::Error::from(error).context(format!("replay {id}")))?;
         let stop = CancellationToken::new();
+        let limits = Arc::new(Limits::new(store.clock(), args.starts_per_minute));
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(replays),
             store,
             catalogue: Arc::new(catalogue),
             chance: Chance::from_system(),
+            limits,
             settings: Arc::new(Settings {
                 open_results: args.open_results,
                 population,
+                public_url: args.public_url.clone(),
+                trusted_proxies: args.trusted_proxies.clone(),
             }),
             stop,
         };
-        Ok(Self { listener, state })
+        Ok(Self {
+            listener,
+            state,
+            folder,
+        })
     }
 
     /// Serves with the background work until `shutdown` completes, and ends in order.
     pub(super) async fn run(self, shutdown: impl Future<Output = ()>) -> anyhow::Result<()> {
-        let Self { listener, state } = self;
+        let Self {
+            listener,
+            state,
+            folder,
+        } = self;
         let (store, stop) = (state.store.clone(), state.stop.clone());
         let background = jobs::start(&store, &state.catalogue, state.settings.population, &stop);
+        let watching = folder.map(|folder| {
+            let replays = state.replays.clone();
+            let prepare: Prepare = Arc::new(move |study| {
+                replays
+                    .add(study)
+                    .map_err(|(id, error)| format!("replay {id}: {error}"))
+            });
+            let (catalogue, stop) = (state.catalogue.clone(), stop.clone());
+            tokio::spawn(folder.watch(store.clone(), catalogue, prepare, stop))
+        });
         let disk_failed = CancellationToken::new();
         let ends = async {
             tokio::select! {
@@ -116,6 +166,9 @@ impl Server {
         };
         web::serve(listener, state, ends).await.context("serving")?;
         background.await;
+        if let Some(watching) = watching {
+            watching.await.context("watching the studies folder")?;
+        }
         store.close().await;
         // A status other than 0 makes a supervisor start the program anew.
         ensure!(
@@ -126,35 +179,33 @@ impl Server {
     }
 }
 
-/// The built-in study files and those of a folder, which replace built-in ones of the same name.
-fn study_files(folder: Option<&Path>) -> anyhow::Result<Vec<(String, String)>> {
-    let mut files: Vec<(String, String)> = study::built_in()
+fn built_in() -> Vec<(String, String)> {
+    study::built_in()
         .into_iter()
         .map(|(name, text)| (name.to_owned(), text.to_owned()))
-        .collect();
-    let Some(folder) = folder else {
-        return Ok(files);
-    };
-    let entries = std::fs::read_dir(folder)
-        .with_context(|| format!("reading the studies folder {}", folder.display()))?;
-    let mut paths = entries
-        .map(|entry| Ok(entry?.path()))
-        .collect::<std::io::Result<Vec<PathBuf>>>()?;
-    paths.retain(|path| {
-        path.extension()
-            .is_some_and(|extension| extension == "toml")
-    });
-    paths.sort();
-    for path in paths {
-        let text = std::fs::read_to_string(&path)
-            .with_context(|| format!("reading {}", path.display()))?;
-        files.push((path.display().to_string(), text));
-    }
-    Ok(files)
+        .collect()
+}
+
+/// A new link with which the first account can be made; none once an account exists.
+async fn setup_link(state: &AppState) -> anyhow::Result<Option<Token>> {
+    let link = Token::random(&mut state.chance.fork());
+    let is_open = state
+        .store
+        .renew_setup_link(&link)
+        .await
+        .context("making the setup link")?;
+    Ok(is_open.then_some(link))
 }
 
 /// Says where everything is, on standard output: the log goes to standard error.
-fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::Result<()> {
+fn announce(
+    address: SocketAddr,
+    args: &ServeArgs,
+    state: &AppState,
+    setup_link: Option<&Token>,
+) -> anyhow::Result<()> {
+    let public_url = args.public_url.as_ref();
+    let url = public_url.map_or_else(|| format!("http://{address}"), ToString::to_string);
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
@@ -163,14 +214,13 @@ fn announce(address: SocketAddr, args: &ServeArgs, state: &AppState) -> anyhow::
     )?;
     writeln!(out, "  database      {}", args.database.display())?;
     for study in state.catalogue.studies() {
-        writeln!(out, "  take part     http://{address}/s/{}", study.id())?;
-        writeln!(
-            out,
-            "  results       http://{address}/results/{}",
-            study.id()
-        )?;
+        writeln!(out, "  take part     {url}/s/{}", study.id())?;
+        writeln!(out, "  results       {url}/results/{}", study.id())?;
     }
-    writeln!(out, "  {}", state.settings.access())?;
+    if let Some(link) = setup_link {
+        writeln!(out, "  set up        {url}/setup/{link}")?;
+    }
+    writeln!(out, "  {}", state.settings.access(setup_link.is_none()))?;
     out.flush()?;
     Ok(())
 }

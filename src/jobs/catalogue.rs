@@ -1,23 +1,34 @@
 //! The studies that are served, every stored version parsed once.
 
-use std::{collections::HashMap, sync::Arc};
+use std::{
+    collections::{BTreeMap, HashMap},
+    sync::{Arc, PoisonError, RwLock},
+};
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, VersionId},
+    store::{self, Store, StudyState, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
-/// All served studies by id and version. They do not change while the server runs.
+/// All served studies by id and version. A version never changes; new ones can be added while the server runs.
 #[derive(Debug)]
 pub struct Catalogue {
-    /// The current version of each study, in the order in which the files were given.
-    current: Vec<(VersionId, Arc<Study>)>,
-    versions: HashMap<VersionId, Arc<Study>>,
+    served: RwLock<Arc<Served>>,
+    /// What is wrong with which file, since it was last read.
+    file_errors: RwLock<BTreeMap<String, String>>,
     /// What was read of them last.
     pub(super) snapshots: SnapshotCache,
     /// What this server remembers of its fits.
     pub(super) live_fits: LiveFits,
+}
+
+/// What is served at one moment.
+#[derive(Debug, Clone, Default)]
+struct Served {
+    /// The current version of each study, in the order in which the files were given.
+    current: Vec<(VersionId, Arc<Study>)>,
+    versions: HashMap<VersionId, Arc<Study>>,
 }
 
 /// Why the studies cannot be served.
@@ -51,31 +62,131 @@ impl Catalogue {
         store: &Store,
         files: Vec<(String, String)>,
     ) -> Result<Self, CatalogueError> {
-        let studies = parse(files)?;
-        let mut catalogue = Self {
-            current: Vec::new(),
-            versions: HashMap::new(),
+        Self::publish_but(store, parse(files)?, &[]).await
+    }
+
+    /// The same for studies that were read already. Those in `left_alone` are served as they are stored, because their
+    /// files cannot be read.
+    pub(super) async fn publish_but(
+        store: &Store,
+        studies: Vec<Study>,
+        left_alone: &[StudyId],
+    ) -> Result<Self, CatalogueError> {
+        let mut served = Served::default();
+        let stored = store.studies().await?;
+        for study in studies {
+            if left_alone.contains(study.id()) && stored.iter().any(|row| row.id == *study.id()) {
+                continue;
+            }
+            let version = store
+                .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
+                .await?;
+            served.add_earlier(store, &study, version).await?;
+            served.add(version, Arc::new(study));
+        }
+        served.add_stored(store).await?;
+        Ok(Self {
+            served: RwLock::new(Arc::new(served)),
+            file_errors: RwLock::default(),
             snapshots: SnapshotCache::default(),
             live_fits: LiveFits::default(),
-        };
-        for study in studies {
-            let version = store
-                .publish(study.id(), study.hash(), study.text())
-                .await?;
-            catalogue.add_earlier(store, &study, version).await?;
-            let study = Arc::new(study);
-            catalogue.versions.insert(version, study.clone());
-            catalogue.current.push((version, study));
+        })
+    }
+
+    /// Makes a study the current version of itself while the server runs. People under way go on with theirs.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn renew(&self, store: &Store, study: Study) -> Result<VersionId, store::Error> {
+        let version = store
+            .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
+            .await?;
+        let study = Arc::new(study);
+        {
+            let mut served = self.served.write().unwrap_or_else(PoisonError::into_inner);
+            let mut changed = Served::clone(&served);
+            changed.add(version, study.clone());
+            *served = Arc::new(changed);
         }
-        catalogue.add_stored(store).await?;
-        Ok(catalogue)
+        self.snapshots.forget(study.id()).await;
+        Ok(version)
+    }
+
+    /// What is wrong with which file of the studies folder.
+    pub fn file_errors(&self) -> BTreeMap<String, String> {
+        let errors = self.file_errors.read();
+        errors.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Notes what is wrong with a file, or that nothing is any more.
+    pub(super) fn note_file(&self, file: &str, error: Option<String>) {
+        let errors = self.file_errors.write();
+        let mut errors = errors.unwrap_or_else(PoisonError::into_inner);
+        match error {
+            Some(error) => errors.insert(file.to_owned(), error),
+            None => errors.remove(file),
+        };
+    }
+
+    fn served(&self) -> Arc<Served> {
+        let served = self.served.read();
+        served.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The version of a study that new runs get.
+    pub fn current(&self, id: &StudyId) -> Option<(VersionId, Arc<Study>)> {
+        self.served()
+            .current
+            .iter()
+            .find(|(_, study)| study.id() == id)
+            .cloned()
+    }
+
+    /// One version of one study, for runs that began with it.
+    pub fn version(&self, version: VersionId) -> Option<Arc<Study>> {
+        self.served().versions.get(&version).cloned()
+    }
+
+    /// The replays that any version shows; the same one as often as it is shown.
+    pub fn replays(&self) -> Vec<NamedReplay> {
+        let served = self.served();
+        served
+            .versions
+            .values()
+            .flat_map(|study| study.replays())
+            .cloned()
+            .collect()
+    }
+
+    /// The current versions, in the order in which the files were given.
+    pub fn studies(&self) -> Vec<Arc<Study>> {
+        let served = self.served();
+        served
+            .current
+            .iter()
+            .map(|(_, study)| study.clone())
+            .collect()
+    }
+}
+
+impl Served {
+    fn add(&mut self, version: VersionId, study: Arc<Study>) {
+        self.versions.insert(version, study.clone());
+        match self
+            .current
+            .iter_mut()
+            .find(|(_, known)| known.id() == study.id())
+        {
+            Some(current) => *current = (version, study),
+            None => self.current.push((version, study)),
+        }
     }
 
     /// Studies whose file is gone are served as they were stored, so that people under way can finish and their
     /// answers can be read.
     async fn add_stored(&mut self, store: &Store) -> Result<(), CatalogueError> {
         for row in store.studies().await? {
-            if self.current(&row.id).is_some() {
+            if self.current.iter().any(|(_, study)| *study.id() == row.id) {
                 continue;
             }
             for stored in store.study_versions(&row.id).await? {
@@ -119,28 +230,14 @@ impl Catalogue {
         }
         Ok(())
     }
+}
 
-    /// The version of a study that new runs get.
-    pub fn current(&self, id: &StudyId) -> Option<(VersionId, Arc<Study>)> {
-        self.current
-            .iter()
-            .find(|(_, study)| study.id() == id)
-            .cloned()
-    }
-
-    /// One version of one study, for runs that began with it.
-    pub fn version(&self, version: VersionId) -> Option<Arc<Study>> {
-        self.versions.get(&version).cloned()
-    }
-
-    /// The replays that any version shows; the same one as often as it is shown.
-    pub fn replays(&self) -> impl Iterator<Item = &NamedReplay> {
-        self.versions.values().flat_map(|study| study.replays())
-    }
-
-    /// The current versions, in the order in which the files were given.
-    pub fn studies(&self) -> impl Iterator<Item = &Arc<Study>> {
-        self.current.iter().map(|(_, study)| study)
+/// A study whose file does not say that it is open is a draft until somebody opens it.
+fn state_if_new(study: &Study) -> StudyState {
+    if study.is_open_at_first() {
+        StudyState::Open
+    } else {
+        StudyState::Draft
     }
 }
 

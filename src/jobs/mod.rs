@@ -3,6 +3,7 @@
 //! In reading order:
 //!
 //! * [`Catalogue`]: every stored version of every study, parsed once;
+//! * [`StudyFolder`]: the study files of a lab, read again when they change;
 //! * [`StudyCounts`]: what was chosen, in the study's own order;
 //! * `fit_input`: what a fit depends on, its hash and its seed;
 //! * [`FitReport`]: what is stored of a fit;
@@ -34,6 +35,7 @@ mod quiet;
 pub mod refit;
 mod snapshot;
 mod snapshot_cache;
+mod study_folder;
 mod sweep_problems;
 mod sweeps;
 
@@ -44,6 +46,7 @@ pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
 pub use plan_comparison::PlanComparison;
 pub use snapshot::{Blind, PartFit, PartState, Snapshot, Version};
+pub use study_folder::{FolderError, Prepare, StudyFolder};
 pub use sweep_problems::{SweptProblem, swept_problems};
 pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
 
@@ -72,7 +75,7 @@ pub fn start(
         population,
         stop.clone(),
     ));
-    let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
+    let closing = tokio::spawn(closing::run(store.clone(), catalogue.clone(), stop.clone()));
     async move {
         for (task, ended) in [
             ("refits", refits.await),

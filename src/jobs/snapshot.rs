@@ -151,13 +151,17 @@ impl Snapshot {
         population: Population,
         id: &StudyId,
     ) -> Result<Option<Arc<Self>>, Error> {
-        let Some((_, study)) = catalogue.current(id) else {
+        if catalogue.current(id).is_none() {
             return Ok(None);
-        };
+        }
         // The version first: a change in between makes the snapshot look older than it is, and it is read again.
         let people = store.totals(id, population).await?;
         let slot = catalogue.snapshots.slot(id, population);
         let mut kept = slot.0.lock().await;
+        // Under the lock, which whoever changes the version takes afterwards.
+        let Some((_, study)) = catalogue.current(id) else {
+            return Ok(None);
+        };
         if let Some(snapshot) = fresh(kept.as_ref(), &people) {
             return Ok(Some(snapshot));
         }

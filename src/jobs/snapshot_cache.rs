@@ -32,6 +32,13 @@ impl SnapshotCache {
             .or_default()
             .clone()
     }
+
+    /// A study is served in another version from now on: what was read before is not shown any more.
+    pub(super) async fn forget(&self, study: &StudyId) {
+        for population in [Population::People, Population::Simulated] {
+            *self.slot(study, population).0.lock().await = None;
+        }
+    }
 }
 
 /// The kept snapshot, unless the page has moved on since.

@@ -1,22 +1,22 @@
 //! A group of participants' jobs: loaded together, judged one after the other, written together.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use sqlx::sqlite::SqliteConnection;
 
 use super::effects::{
     CountKey, Effects, NewAnswer, NewArrivalRow, NewEvent, NewLink, NewRunRow, NewStepRow,
 };
-use super::job::{Arrive, DrawnStep, Hot, Job, Show, Start, Submit};
-use super::load::{self, FoundRun, LoadedArrival, LoadedRun, NextIds, PastForm};
-use super::rules::{Body, Closed, KeySeen, SWEEP_SLACK_MS};
+use super::job::{Arrive, CandidateRun, DrawnStep, Hot, Job, Show, Start, Submit};
+use super::load::{self, FoundRun, LoadedArrival, LoadedRun, NextIds, PastForm, Place};
+use super::rules::{Body, Closed, EndedBody, KeySeen, SWEEP_SLACK_MS};
 use super::runs::ARRIVAL_LIFE_MS;
 use super::token::TokenHash;
 use super::{
     Change, Error, EventId, EventKind, Receipt, RunId, RunState, Started, StudyState, Submitted,
     Verdict, json,
 };
-use crate::study::{Reply, StudyId, Timestamp};
+use crate::study::{NotAdmitted, Reply, StudyId, Timestamp};
 
 /// Writes a group of frequent jobs and holds each one's answer on its ticket.
 pub(super) async fn write(
@@ -56,6 +56,8 @@ struct Batch {
     past_forms: HashMap<(RunId, String), PastForm>,
     /// By the place of the start among the batch's starts.
     arrivals: HashMap<usize, LoadedArrival>,
+    /// How many places are taken, in the studies that count them.
+    places: HashMap<Place, u64>,
     /// What this batch has started or resumed, for a second start that follows in it.
     started_links: HashMap<TokenHash, FoundRun>,
     started_people: HashMap<(StudyId, String, String), FoundRun>,
@@ -67,22 +69,26 @@ impl Batch {
         let mut jobs_by_run: BTreeMap<RunId, u32> = BTreeMap::new();
         let (mut keys, mut starts) = (Vec::new(), Vec::new());
         let (mut has_arrivals, mut overdue) = (false, Vec::new());
-        let mut people = Vec::new();
+        let (mut people, mut counted) = (Vec::new(), BTreeSet::new());
         for job in jobs {
             match job {
                 Job::Hot(Hot::Arrive(arrive, _)) => {
                     has_arrivals = true;
                     people.extend(arrive.person());
                 }
-                Job::Hot(Hot::Start(start, _)) => starts.push((start.arrival, start.link.hash())),
+                Job::Hot(Hot::Start(start, _)) => {
+                    starts.push((start.arrival, start.link.hash()));
+                    if start.counts_places() {
+                        counted.insert((start.study.clone(), start.population));
+                    }
+                }
                 Job::Hot(Hot::Submit(submit, _)) => {
                     *jobs_by_run.entry(submit.run).or_default() += 1;
                     keys.push((submit.run, submit.submission.key.as_str()));
                 }
                 Job::Hot(Hot::Show(show, _)) => *jobs_by_run.entry(show.run).or_default() += 1,
                 Job::Hot(Hot::CloseOverdue(now, _)) => {
-                    overdue =
-                        load::overdue_runs(connection, Timestamp(now.0 - SWEEP_SLACK_MS)).await?;
+                    overdue = load::overdue_runs(connection, *now).await?;
                     for run in &overdue {
                         *jobs_by_run.entry(*run).or_default() += 1;
                     }
@@ -103,6 +109,7 @@ impl Batch {
             overdue,
             past_forms: load::past_forms(connection, &keys).await?,
             arrivals: load::arrivals(connection, &starts).await?,
+            places: load::places(connection, &counted).await?,
             started_links: HashMap::new(),
             started_people: HashMap::new(),
             effects: Effects::default(),
@@ -118,8 +125,9 @@ impl Batch {
         let has_run = arrive.person().is_some_and(|person| {
             self.known_people.contains(&person) || self.started_people.contains_key(&person)
         });
-        if !has_run {
+        if !has_run && !arrive.is_preview {
             require_open(&arrive.study, state)?;
+            require_admitted(arrive.refusal.as_ref())?;
         }
         self.effects.arrivals.push(NewArrivalRow {
             token: arrive.token.to_hex(),
@@ -128,6 +136,7 @@ impl Batch {
             platform_key: arrive.platform_key.clone(),
             recruiting: arrive.recruiting.clone(),
             source: arrive.source.clone(),
+            is_preview: arrive.is_preview,
             at: arrive.at.0,
         });
         Ok(())
@@ -147,9 +156,10 @@ impl Batch {
         if start.at.0 - arrival.created_at.0 > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
         }
+        let is_preview = start.is_preview || arrival.is_preview;
         let person = arrival.platform.clone().zip(arrival.platform_key.clone());
         let person = person
-            .filter(|_| !start.is_preview)
+            .filter(|_| !is_preview)
             .map(|(platform, key)| (arrival.study.clone(), platform, key));
         let taken = person
             .as_ref()
@@ -158,10 +168,16 @@ impl Batch {
             self.link(start, link, taken);
             return Ok(resumed(start, taken));
         }
-        if !start.is_preview {
+        let candidate = if is_preview {
+            start.candidates.first()
+        } else {
             require_open(&arrival.study, arrival.study_state)?;
-        }
-        let run = self.begin(start, arrival);
+            require_admitted(start.refusal.as_ref())?;
+            self.find_place(start)?
+        };
+        let candidate =
+            candidate.ok_or_else(|| Error::Refused("a run needs its steps".to_owned()))?;
+        let run = self.begin(start, arrival, candidate, is_preview);
         let found = FoundRun {
             run,
             state: RunState::Active,
@@ -193,7 +209,30 @@ impl Batch {
         });
     }
 
-    fn begin(&mut self, start: &Start, arrival: LoadedArrival) -> RunId {
+    /// The first candidate of the condition in which the fewest places are taken.
+    fn find_place<'s>(&self, start: &'s Start) -> Result<Option<&'s CandidateRun>, Error> {
+        let taken: u64 = self
+            .places
+            .iter()
+            .filter(|(place, _)| place.study == start.study && place.population == start.population)
+            .map(|(_, taken)| taken)
+            .sum();
+        if start.quota.is_some_and(|quota| taken >= u64::from(quota)) {
+            return Err(Error::NotAdmitted(NotAdmitted::Full));
+        }
+        Ok(start.candidates.iter().min_by_key(|candidate| {
+            let place = place(start, candidate);
+            self.places.get(&place).copied().unwrap_or(0)
+        }))
+    }
+
+    fn begin(
+        &mut self,
+        start: &Start,
+        arrival: LoadedArrival,
+        candidate: &CandidateRun,
+        is_preview: bool,
+    ) -> RunId {
         let run = RunId(self.next.run);
         self.next.run += 1;
         let study = arrival.study;
@@ -201,20 +240,27 @@ impl Batch {
             id: run,
             study_id: study.clone(),
             version_id: start.version,
-            platform: arrival.platform.filter(|_| !start.is_preview),
-            platform_key: arrival.platform_key.filter(|_| !start.is_preview),
+            platform: arrival.platform.filter(|_| !is_preview),
+            platform_key: arrival.platform_key.filter(|_| !is_preview),
             recruiting: arrival.recruiting,
             source: arrival.source,
             is_simulated: start.population.is_simulated(),
-            is_preview: start.is_preview,
+            is_preview,
             time_factor: start.factor.get(),
+            condition: candidate.condition.clone(),
+            expires_at: start
+                .time_limit_ms
+                .map(|limit_ms| start.at.0.saturating_add(limit_ms)),
             at: start.at.0,
         });
-        for (position, step) in (0..).zip(&start.steps) {
+        for (position, step) in (0..).zip(&candidate.steps) {
             self.begin_step(run, &study, position, step);
         }
         self.add_event(run, 0, EventKind::Started, start.at);
-        if !start.is_preview {
+        if !is_preview {
+            if start.counts_places() {
+                *self.places.entry(place(start, candidate)).or_default() += 1;
+            }
             self.effects
                 .populations
                 .entry((study, start.population))
@@ -259,6 +305,9 @@ impl Batch {
             .submit(&submit.submission, seen, submit.at)
             .map_err(|refusal| Error::Refused(refusal.to_string()))?;
         let (verdict, position) = (judgement.verdict, submit.submission.position);
+        if verdict == Verdict::Wrong {
+            self.effects.touched.insert(submit.run);
+        }
         // An early report of the end does not use the form up: its person may still choose with the same form.
         let keeps_key = past.is_none() && verdict != Verdict::Early;
         let event = self.next_event();
@@ -331,16 +380,41 @@ impl Batch {
     fn close_overdue(&mut self, now: Timestamp) -> usize {
         let mut closed_steps = 0;
         for run in std::mem::take(&mut self.overdue) {
-            let closed = self
-                .runs
-                .get_mut(&run)
-                .and_then(|run| run.facts.time_out(now, SWEEP_SLACK_MS));
-            if let Some(closed) = closed {
+            let Some(facts) = self.runs.get_mut(&run).map(|run| &mut run.facts) else {
+                continue;
+            };
+            let position = facts.position;
+            if facts.expire(now) {
+                self.end(run, position, now);
+                closed_steps += 1;
+            } else if let Some(closed) = facts.time_out(now, SWEEP_SLACK_MS) {
                 self.run_out(run, &closed);
                 closed_steps += 1;
             }
         }
         closed_steps
+    }
+
+    /// Keeps that the server ended a run at a step.
+    fn end(&mut self, id: RunId, position: u32, at: Timestamp) {
+        let state = self.runs[&id].facts.state;
+        let event = self.next_event();
+        self.effects.events.push(NewEvent {
+            id: event,
+            run_id: id,
+            position,
+            kind: EventKind::Ended.as_str(),
+            key: None,
+            repeat_of: None,
+            body_hash: None,
+            verdict: None,
+            at: at.0,
+            body: Some(json(&EndedBody { state })),
+        });
+        self.effects.touched.insert(id);
+        if !self.runs[&id].facts.is_preview {
+            self.count_state(id);
+        }
     }
 
     fn run_out(&mut self, run: RunId, closed: &Closed) {
@@ -355,6 +429,9 @@ impl Batch {
         self.effects
             .answers
             .push(NewAnswer::of(event, id, closed, body));
+        if run.facts.state == RunState::Completed {
+            self.effects.paid.push((id, closed.at));
+        }
         if run.facts.is_preview {
             return;
         }
@@ -362,6 +439,7 @@ impl Batch {
             Some(Reply::Chose { action }) => action.to_string(),
             Some(
                 Reply::Agreed
+                | Reply::AgreedTo { .. }
                 | Reply::Declined
                 | Reply::Continued
                 | Reply::Watched { .. }
@@ -386,17 +464,42 @@ impl Batch {
         if !closed.is_counted && !is_filled && run.facts.state == RunState::Active {
             return;
         }
+        self.count_state(id);
+    }
+
+    /// Counts the state that a run has come to, or at least that its study shows something new.
+    fn count_state(&mut self, id: RunId) {
+        let run = &self.runs[&id];
         let delta = self
             .effects
             .populations
             .entry((run.study.clone(), run.population))
             .or_default();
+        let frees_place = match run.facts.state {
+            RunState::Active | RunState::Completed => false,
+            RunState::Declined
+            | RunState::ScreenedOut
+            | RunState::FailedCheck
+            | RunState::TimedOut
+            | RunState::Withdrawn => true,
+        };
+        if let Some(taken) = run
+            .place
+            .as_ref()
+            .filter(|_| frees_place)
+            .and_then(|place| self.places.get_mut(place))
+        {
+            *taken = taken.saturating_sub(1);
+        }
         match run.facts.state {
             RunState::Completed => {
                 delta.completed += 1;
                 self.effects.completed.push(id);
             }
             RunState::Declined => delta.declined += 1,
+            RunState::ScreenedOut => delta.screened_out += 1,
+            RunState::FailedCheck => delta.failed_check += 1,
+            RunState::TimedOut => delta.timed_out += 1,
             RunState::Active | RunState::Withdrawn => {}
         }
     }
@@ -427,12 +530,26 @@ impl Batch {
 }
 
 fn require_open(study: &StudyId, state: StudyState) -> Result<(), Error> {
+    let closed = |state| Error::Closed {
+        study: study.to_string(),
+        state,
+    };
     match state {
         StudyState::Open => Ok(()),
-        StudyState::Paused | StudyState::Closed => Err(Error::Closed {
-            study: study.to_string(),
-            state: state.as_str(),
-        }),
+        StudyState::Draft => Err(closed("being prepared")),
+        StudyState::Paused | StudyState::Closed => Err(closed(state.as_str())),
+    }
+}
+
+fn require_admitted(refusal: Option<&NotAdmitted>) -> Result<(), Error> {
+    refusal.map_or(Ok(()), |reason| Err(Error::NotAdmitted(reason.clone())))
+}
+
+fn place(start: &Start, candidate: &CandidateRun) -> Place {
+    Place {
+        study: start.study.clone(),
+        population: start.population,
+        condition: candidate.condition.clone(),
     }
 }
 

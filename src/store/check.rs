@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::effects::NewAnswer;
 use super::load::{step_kind, time_factor};
-use super::rules::{Body, KeySeen, RunFacts, StepFacts};
+use super::rules::{Body, EndedBody, KeySeen, RunFacts, StepFacts};
 use super::{Error, EventId, EventKind, ProblemId, RunId, RunState, Store, Submission, Verdict};
 use crate::study::{BlockId, Timestamp};
 
@@ -27,7 +27,7 @@ pub struct Disagreement {
 }
 
 type CountRow = (String, bool, ProblemId, String, String, i64, i64);
-type TotalRow = (String, bool, i64, i64, i64, i64);
+type TotalRow = (String, bool, i64, i64, i64, i64, i64, i64, i64);
 
 #[derive(sqlx::FromRow)]
 struct EventToReplay {
@@ -115,7 +115,9 @@ impl Store {
         .await?;
         let stored_totals: Vec<TotalRow> = sqlx::query_as(
             r#"
-            select study_id, is_simulated, started, completed, declined, withdrawn
+            select
+                study_id, is_simulated, started, completed, declined, screened_out, failed_check, timed_out,
+                withdrawn
             from population
             order by 1, 2
             "#,
@@ -127,7 +129,9 @@ impl Store {
             select
                 population.study_id, population.is_simulated, count(run.id),
                 count(*) filter (where run.state = 'completed'), count(*) filter (where run.state = 'declined'),
-                count(*) filter (where run.state = 'withdrawn')
+                count(*) filter (where run.state = 'screened_out'),
+                count(*) filter (where run.state = 'failed_check'),
+                count(*) filter (where run.state = 'timed_out'), count(*) filter (where run.state = 'withdrawn')
             from population
             left join run
                 on run.study_id = population.study_id
@@ -145,7 +149,7 @@ impl Store {
         });
         disagreements.extend(compare(counted_totals, stored_totals, |row| {
             let place = (row.0.clone(), row.1, "totals".to_owned());
-            (place, (row.2, row.3, row.4, row.5))
+            (place, (row.2, row.3, row.4, row.5, row.6, row.7, row.8))
         }));
         Ok(disagreements)
     }
@@ -207,6 +211,8 @@ async fn at_start(
         position: 0,
         shown_at: None,
         deadline: None,
+        attempts: 0,
+        expires_at: None,
         ended_at: None,
         factor: time_factor(factor)?,
         is_preview,
@@ -231,6 +237,11 @@ async fn rebuild_answers(
         let at = Timestamp(event.at_ms);
         match event.kind {
             EventKind::Started | EventKind::Erased => {}
+            EventKind::Ended => {
+                let body: EndedBody = serde_json::from_str(event.body.as_deref().unwrap_or(""))
+                    .map_err(|err| sqlx::Error::Decode(err.into()))?;
+                facts.end(body.state, at);
+            }
             EventKind::Shown => {
                 facts.show(event.position, at);
             }
@@ -252,6 +263,7 @@ async fn rebuild_answers(
                     reply: body.reply.clone(),
                     timing: body.timing,
                     consent_version: body.consent_version.clone(),
+                    assessment: body.assessment,
                 };
                 let seen = if is_repetition {
                     KeySeen::SameBody

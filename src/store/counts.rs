@@ -12,6 +12,12 @@ pub struct Totals {
     pub completed: u64,
     /// Those without consent.
     pub declined: u64,
+    /// Those for whom the study turned out not to be meant.
+    pub screened_out: u64,
+    /// Those that failed a check for good.
+    pub failed_check: u64,
+    /// Those that were not finished within their time.
+    pub timed_out: u64,
     /// Withdrawn ones; each counts only here and as started.
     pub withdrawn: u64,
     /// Moves with every change of the data.
@@ -20,11 +26,29 @@ pub struct Totals {
     pub page_version: i64,
 }
 
+#[derive(sqlx::FromRow)]
+struct TotalsRow {
+    started: i64,
+    completed: i64,
+    declined: i64,
+    screened_out: i64,
+    failed_check: i64,
+    timed_out: i64,
+    withdrawn: i64,
+    data_version: i64,
+    page_version: i64,
+}
+
 impl Totals {
     /// Runs that are under way or were left.
     pub fn under_way(&self) -> u64 {
-        self.started
-            .saturating_sub(self.completed + self.declined + self.withdrawn)
+        let over = self.completed
+            + self.declined
+            + self.screened_out
+            + self.failed_check
+            + self.timed_out
+            + self.withdrawn;
+        self.started.saturating_sub(over)
     }
 }
 
@@ -73,9 +97,11 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown study.
     pub async fn totals(&self, study: &StudyId, population: Population) -> Result<Totals, Error> {
-        let row: Option<(i64, i64, i64, i64, i64, i64)> = sqlx::query_as(
+        let row: Option<TotalsRow> = sqlx::query_as(
             r#"
-            select started, completed, declined, withdrawn, data_version, page_version
+            select
+                started, completed, declined, screened_out, failed_check, timed_out, withdrawn, data_version,
+                page_version
             from population
             where study_id = ? and is_simulated = ?
             "#,
@@ -84,15 +110,17 @@ impl Store {
         .bind(population.is_simulated())
         .fetch_optional(&self.pool)
         .await?;
-        let (started, completed, declined, withdrawn, data_version, page_version) =
-            row.ok_or(Error::NotFound("study"))?;
+        let row = row.ok_or(Error::NotFound("study"))?;
         Ok(Totals {
-            started: count(started),
-            completed: count(completed),
-            declined: count(declined),
-            withdrawn: count(withdrawn),
-            data_version,
-            page_version,
+            started: count(row.started),
+            completed: count(row.completed),
+            declined: count(row.declined),
+            screened_out: count(row.screened_out),
+            failed_check: count(row.failed_check),
+            timed_out: count(row.timed_out),
+            withdrawn: count(row.withdrawn),
+            data_version: row.data_version,
+            page_version: row.page_version,
         })
     }
 

@@ -3,14 +3,17 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Serialize;
+use serde_json::{Map, Value};
 use sqlx::sqlite::SqliteConnection;
 
+use super::bonuses;
 use super::job::AskedProblem;
 use super::rules::{Body, Closed, RunFacts};
 use super::{
     AnswerStatus, Change, EventId, Population, ProblemId, RunId, Verdict, VersionId, json,
 };
-use crate::study::{Reply, StudyId};
+use crate::study::step::FormStep;
+use crate::study::{ConditionId, Reply, StudyId, Timestamp};
 
 #[derive(Debug, Default)]
 pub(super) struct Effects {
@@ -29,6 +32,8 @@ pub(super) struct Effects {
     /// Runs whose answers count as completed from now on.
     pub(super) completed: Vec<RunId>,
     pub(super) populations: BTreeMap<(StudyId, Population), PopulationDelta>,
+    /// Runs that were completed, whether they count or not, and when.
+    pub(super) paid: Vec<(RunId, Timestamp)>,
 }
 
 #[derive(Debug, Serialize)]
@@ -39,6 +44,7 @@ pub(super) struct NewArrivalRow {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) is_preview: bool,
     pub(super) at: i64,
 }
 
@@ -54,6 +60,8 @@ pub(super) struct NewRunRow {
     pub(super) is_simulated: bool,
     pub(super) is_preview: bool,
     pub(super) time_factor: f64,
+    pub(super) condition: Option<ConditionId>,
+    pub(super) expires_at: Option<i64>,
     pub(super) at: i64,
 }
 
@@ -133,6 +141,9 @@ pub(super) struct PopulationDelta {
     pub(super) started: u32,
     pub(super) completed: u32,
     pub(super) declined: u32,
+    pub(super) screened_out: u32,
+    pub(super) failed_check: u32,
+    pub(super) timed_out: u32,
 }
 
 impl NewAnswer {
@@ -142,10 +153,15 @@ impl NewAnswer {
         let timing = body.map(|body| body.timing).unwrap_or_default();
         let (action, value) = match body.map(|body| (&body.reply, &body.consent_version)) {
             Some((Reply::Chose { action }, _)) => (Some(action.to_string()), None),
-            Some((Reply::Filled { values }, _)) => (None, Some(json(values))),
+            Some((Reply::Filled { values }, _)) => (None, Some(filled(values, closed.attempts))),
             Some((Reply::Watched { viewings }, _)) => (None, Some(json(viewings))),
-            Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref()))),
-            Some((Reply::Declined, version)) => (None, Some(consent(false, version.as_deref()))),
+            Some((Reply::Agreed, version)) => (None, Some(consent(true, version.as_deref(), None))),
+            Some((Reply::AgreedTo { clauses }, version)) => {
+                (None, Some(consent(true, version.as_deref(), Some(clauses))))
+            }
+            Some((Reply::Declined, version)) => {
+                (None, Some(consent(false, version.as_deref(), None)))
+            }
             Some((Reply::Continued | Reply::GaveUp, _)) | None => (None, None),
         };
         Self {
@@ -169,8 +185,25 @@ impl NewAnswer {
     }
 }
 
-fn consent(agreed: bool, version: Option<&str>) -> String {
-    serde_json::json!({ "agreed": agreed, "version": version }).to_string()
+fn consent(
+    agreed: bool,
+    version: Option<&str>,
+    clauses: Option<&BTreeMap<String, bool>>,
+) -> String {
+    let mut consent = serde_json::json!({ "agreed": agreed, "version": version });
+    if let Some(clauses) = clauses {
+        consent["clauses"] = serde_json::json!(clauses);
+    }
+    consent.to_string()
+}
+
+/// The values of a form; those of a comprehension check with the number of attempts.
+fn filled(values: &Map<String, Value>, attempts: u32) -> String {
+    let mut values = values.clone();
+    if values.contains_key(FormStep::PASSED) {
+        values.insert(FormStep::ATTEMPTS.to_owned(), Value::from(attempts));
+    }
+    json(&values)
 }
 
 impl Effects {
@@ -187,6 +220,7 @@ impl Effects {
         self.write_events(connection).await?;
         self.write_runs(connection, facts).await?;
         self.write_answers(connection).await?;
+        bonuses::draw(connection, &self.paid).await?;
         self.write_counts(connection).await?;
         self.write_populations(connection).await
     }
@@ -197,10 +231,12 @@ impl Effects {
         }
         sqlx::query(
             r#"
-            insert into arrival (token_hash, study_id, platform, platform_key, recruiting, source, created_at_ms)
+            insert into arrival (
+                token_hash, study_id, platform, platform_key, recruiting, source, is_preview, created_at_ms
+            )
             select
                 unhex(value ->> 'token'), value ->> 'study_id', value ->> 'platform', value ->> 'platform_key',
-                value ->> 'recruiting', value ->> 'source', value ->> 'at'
+                value ->> 'recruiting', value ->> 'source', value ->> 'is_preview', value ->> 'at'
             from json_each(?)
             "#,
         )
@@ -218,7 +254,7 @@ impl Effects {
             r#"
             insert into run (
                 id, study_id, version_id, state, position, platform, platform_key, recruiting, source,
-                is_simulated, is_preview, time_factor, started_at_ms
+                is_simulated, is_preview, time_factor, condition, expires_at_ms, started_at_ms
             )
             select
                 new.value ->> 'id', new.value ->> 'study_id',
@@ -231,7 +267,8 @@ impl Effects {
                 ),
                 'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
                 new.value ->> 'source', new.value ->> 'is_simulated', new.value ->> 'is_preview',
-                new.value ->> 'time_factor', new.value ->> 'at'
+                new.value ->> 'time_factor', new.value ->> 'condition', new.value ->> 'expires_at',
+                new.value ->> 'at'
             from json_each(?) as new
             "#,
         )
@@ -361,6 +398,7 @@ impl Effects {
                     shown_at,
                     deadline,
                     facts.ended_at,
+                    facts.attempts,
                 ))
             })
             .collect();
@@ -372,7 +410,8 @@ impl Effects {
                 position = new.value ->> 2,
                 shown_at_ms = new.value ->> 3,
                 deadline_ms = new.value ->> 4,
-                finished_at_ms = ifnull(finished_at_ms, new.value ->> 5)
+                finished_at_ms = ifnull(finished_at_ms, new.value ->> 5),
+                attempts = new.value ->> 6
             from json_each(?) as new
             where run.id = new.value ->> 0
             "#,
@@ -483,6 +522,9 @@ impl Effects {
                     delta.started,
                     delta.completed,
                     delta.declined,
+                    delta.screened_out,
+                    delta.failed_check,
+                    delta.timed_out,
                 )
             })
             .collect();
@@ -493,6 +535,9 @@ impl Effects {
                 started = started + (new.value ->> 2),
                 completed = completed + (new.value ->> 3),
                 declined = declined + (new.value ->> 4),
+                screened_out = screened_out + (new.value ->> 5),
+                failed_check = failed_check + (new.value ->> 6),
+                timed_out = timed_out + (new.value ->> 7),
                 data_version = data_version + 1,
                 page_version = page_version + 1
             from json_each(?) as new

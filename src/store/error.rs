@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::study::NotAdmitted;
+
 /// Why the store did not do what it was asked for.
 ///
 /// It can be cloned because one failed commit is told to everybody who waited for it.
@@ -25,6 +27,9 @@ pub enum Error {
         /// What it is instead of open.
         state: &'static str,
     },
+    /// The study takes people in, but not this one or not now.
+    #[error("{0}")]
+    NotAdmitted(NotAdmitted),
     /// The rules of a run do not allow it.
     #[error("{0}")]
     Refused(String),
@@ -93,6 +98,32 @@ pub enum OpenError {
     /// The file has a second name.
     #[error("database {} has a second name on this disk (a hard link); with two names its log would be written twice, so remove one", .0.display())]
     Linked(PathBuf),
+    /// There is no file where one must be.
+    #[error("there is no database at {}; `riskaware serve` makes one", .0.display())]
+    Missing(PathBuf),
+    /// The file holds no tables of this program.
+    #[error("{} is not a riskaware database", .0.display())]
+    NoSchema(PathBuf),
+    /// A later program migrated it.
+    #[error("database {} has schema {found} of a later riskaware; this one knows schemas up to {known}", path.display())]
+    LaterSchema {
+        /// The database.
+        path: PathBuf,
+        /// Its schema.
+        found: i64,
+        /// The last schema of this program.
+        known: i64,
+    },
+    /// It was not migrated yet.
+    #[error("database {} has schema {found}, this riskaware needs {known}; start `riskaware serve` on it once, which brings it up to date", path.display())]
+    EarlierSchema {
+        /// The database.
+        path: PathBuf,
+        /// Its schema.
+        found: i64,
+        /// The schema of this program.
+        known: i64,
+    },
     /// The lock file cannot be written.
     #[error("lock file {}: {source}", path.display())]
     Lock {

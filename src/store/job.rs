@@ -2,6 +2,7 @@
 
 use tokio::sync::oneshot;
 
+use super::accounts::AccountChange;
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
 use super::fits::NewFit;
@@ -9,7 +10,7 @@ use super::token::TokenHash;
 use super::{
     Error, Population, RunId, Started, StudyState, Submission, Submitted, Token, VersionId,
 };
-use crate::study::{StepPlan, StudyId, TimeFactor, Timestamp};
+use crate::study::{ConditionId, NotAdmitted, StepPlan, StudyId, TimeFactor, Timestamp};
 
 /// Waits for a commit: the result is held until the transaction is on disk, and dropped if it is rolled back.
 #[derive(Debug)]
@@ -68,6 +69,8 @@ pub(super) enum Rare {
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
+    ForgetPeople(StudyId, Timestamp, Ticket<u64>),
+    Account(Box<AccountChange>, Timestamp, Ticket<i64>),
 }
 
 #[derive(Debug)]
@@ -78,6 +81,8 @@ pub(super) struct Arrive {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) is_preview: bool,
+    pub(super) refusal: Option<NotAdmitted>,
     pub(super) at: Timestamp,
 }
 
@@ -88,11 +93,30 @@ pub(super) struct Start {
     pub(super) study: StudyId,
     pub(super) link: Token,
     pub(super) version: VersionId,
-    pub(super) steps: Vec<DrawnStep>,
+    pub(super) candidates: Vec<CandidateRun>,
+    pub(super) quota: Option<u32>,
+    pub(super) time_limit_ms: Option<i64>,
+    pub(super) refusal: Option<NotAdmitted>,
     pub(super) factor: TimeFactor,
     pub(super) population: Population,
     pub(super) is_preview: bool,
     pub(super) at: Timestamp,
+}
+
+impl Start {
+    /// Whether it matters who else is under way.
+    pub(super) fn counts_places(&self) -> bool {
+        self.quota.is_some() || self.candidates.len() > 1
+    }
+}
+
+/// What a run would be in one condition.
+#[derive(Debug, Clone)]
+pub struct CandidateRun {
+    /// The condition; none in a study without conditions.
+    pub condition: Option<ConditionId>,
+    /// The steps.
+    pub steps: Vec<DrawnStep>,
 }
 
 /// A step as a run begins with it.
@@ -144,6 +168,7 @@ pub(super) struct Publish {
     pub(super) study: StudyId,
     pub(super) hash: String,
     pub(super) text: String,
+    pub(super) state_if_new: StudyState,
     pub(super) at: Timestamp,
 }
 
@@ -178,7 +203,10 @@ impl Job {
             ) => ticket.deliver(),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
+                ticket.deliver()
+            }
+            Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
         }
     }
 
@@ -197,7 +225,10 @@ impl Job {
             ) => ticket.fail(err),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
+                ticket.fail(err)
+            }
+            Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),
         }
     }
 }

@@ -1,20 +1,30 @@
 //! What a group of jobs needs to know, loaded with one statement for each kind of thing.
 
-use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::rules::{KeySeen, RunFacts, StepFacts};
+use super::rules::{KeySeen, RunFacts, SWEEP_SLACK_MS, StepFacts};
 use super::token::TokenHash;
 use super::{EventId, Population, ProblemId, Receipt, RunId, RunState, StudyState, Verdict, json};
-use crate::study::{BlockId, StepKind, StudyId, TimeFactor, Timestamp};
+use crate::study::{BlockId, ConditionId, StepKind, StudyId, TimeFactor, Timestamp};
 
 /// A run as the batch changes it.
 #[derive(Debug, Clone)]
 pub(super) struct LoadedRun {
     pub(super) study: StudyId,
     pub(super) population: Population,
+    /// The condition, where it takes a place: previews take none.
+    pub(super) place: Option<Place>,
     pub(super) facts: RunFacts,
+}
+
+/// What a run that is under way or completed takes up: one place in its condition.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(super) struct Place {
+    pub(super) study: StudyId,
+    pub(super) population: Population,
+    pub(super) condition: Option<ConditionId>,
 }
 
 /// A form that was sent before.
@@ -43,6 +53,7 @@ pub(super) struct LoadedArrival {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) is_preview: bool,
     pub(super) created_at: Timestamp,
     /// The run that this arrival started or resumed before.
     pub(super) own: Option<FoundRun>,
@@ -81,9 +92,12 @@ struct RunStepRow {
     current: u32,
     shown_at_ms: Option<i64>,
     deadline_ms: Option<i64>,
+    attempts: u32,
     time_factor: f64,
     is_simulated: bool,
     is_preview: bool,
+    condition: Option<String>,
+    expires_at_ms: Option<i64>,
     kind: Option<String>,
     block: Option<String>,
     limit_ms: Option<i64>,
@@ -106,7 +120,7 @@ pub(super) async fn runs(
         r#"
         select
             run.id, run.study_id, run.state, run.position as current, run.shown_at_ms, run.deadline_ms,
-            run.time_factor, run.is_simulated, run.is_preview,
+            run.attempts, run.time_factor, run.is_simulated, run.is_preview, run.condition, run.expires_at_ms,
             step.kind, step.block, step.limit_ms, step.problem_id
         from json_each(?) as asked
         join run on run.id = asked.value ->> 0
@@ -126,6 +140,11 @@ pub(super) async fn runs(
         let run = match runs.entry(RunId(row.id)) {
             std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
             std::collections::hash_map::Entry::Vacant(vacant) => vacant.insert(LoadedRun {
+                place: (!row.is_preview).then(|| Place {
+                    study: row.study_id.as_str().into(),
+                    population: Population::from_flag(row.is_simulated),
+                    condition: row.condition.as_deref().map(ConditionId::from),
+                }),
                 study: row.study_id.into(),
                 population: Population::from_flag(row.is_simulated),
                 facts: RunFacts {
@@ -133,6 +152,8 @@ pub(super) async fn runs(
                     position: row.current,
                     shown_at: row.shown_at_ms.map(Timestamp),
                     deadline: row.deadline_ms.map(Timestamp),
+                    attempts: row.attempts,
+                    expires_at: row.expires_at_ms.map(Timestamp),
                     ended_at: None,
                     factor: time_factor(row.time_factor)?,
                     is_preview: row.is_preview,
@@ -180,10 +201,11 @@ pub(super) fn time_factor(factor: f64) -> Result<TimeFactor, sqlx::Error> {
     TimeFactor::new(factor).map_err(|err| sqlx::Error::Decode(err.into()))
 }
 
-/// The runs at a timed question whose deadline lies before `before`.
+/// The runs that are to be looked at: at a timed question whose deadline has passed for longer than the sweep waits, or
+/// not finished in their time.
 pub(super) async fn overdue_runs(
     connection: &mut SqliteConnection,
-    before: Timestamp,
+    now: Timestamp,
 ) -> Result<Vec<RunId>, sqlx::Error> {
     sqlx::query_scalar(
         r#"
@@ -191,11 +213,57 @@ pub(super) async fn overdue_runs(
         from run
         where deadline_ms < ?
         and state = 'active'
+        union
+        select id
+        from run
+        where expires_at_ms < ?
+        and state = 'active'
         "#,
     )
-    .bind(before.0)
+    .bind(now.0 - SWEEP_SLACK_MS)
+    .bind(now.0)
     .fetch_all(connection)
     .await
+}
+
+/// How many places are taken, by study, population and condition.
+pub(super) async fn places(
+    connection: &mut SqliteConnection,
+    studies: &BTreeSet<(StudyId, Population)>,
+) -> Result<HashMap<Place, u64>, sqlx::Error> {
+    if studies.is_empty() {
+        return Ok(HashMap::new());
+    }
+    let asked: Vec<(&StudyId, bool)> = studies
+        .iter()
+        .map(|(study, population)| (study, population.is_simulated()))
+        .collect();
+    let rows: Vec<(String, bool, Option<String>, i64)> = sqlx::query_as(
+        r#"
+        select run.study_id, run.is_simulated, run.condition, count(*)
+        from json_each(?) as asked
+        cross join run indexed by run_place
+            on run.study_id = asked.value ->> 0
+            and run.is_simulated = asked.value ->> 1
+        where run.state in ('active', 'completed')
+        and run.is_preview = 0
+        group by 1, 2, 3
+        "#,
+    )
+    .bind(json(&asked))
+    .fetch_all(connection)
+    .await?;
+    Ok(rows
+        .into_iter()
+        .map(|(study, is_simulated, condition, taken)| {
+            let place = Place {
+                study: study.into(),
+                population: Population::from_flag(is_simulated),
+                condition: condition.as_deref().map(ConditionId::from),
+            };
+            (place, u64::try_from(taken).unwrap_or(0))
+        })
+        .collect())
 }
 
 /// The forms among `keys` (run and key) that were sent before.
@@ -291,6 +359,7 @@ struct ArrivalRow {
     platform_key: Option<String>,
     recruiting: Option<String>,
     source: Option<String>,
+    is_preview: bool,
     created_at_ms: i64,
     own_id: Option<RunId>,
     own_state: Option<String>,
@@ -315,7 +384,7 @@ pub(super) async fn arrivals(
         r#"
         select
             asked.key as ordinal, arrival.study_id, study.state as study_state, arrival.platform,
-            arrival.platform_key, arrival.recruiting, arrival.source, arrival.created_at_ms,
+            arrival.platform_key, arrival.recruiting, arrival.source, arrival.is_preview, arrival.created_at_ms,
             own.id as own_id, own.state as own_state, run_token.is_owner as own_is_owner,
             person.id as person_id, person.state as person_state
         from json_each(?) as asked
@@ -358,6 +427,7 @@ pub(super) async fn arrivals(
                 platform_key: row.platform_key,
                 recruiting: row.recruiting,
                 source: row.source,
+                is_preview: row.is_preview,
                 created_at: Timestamp(row.created_at_ms),
                 own: found(row.own_id, row.own_state, row.own_is_owner.unwrap_or(false))?,
                 person: found(row.person_id, row.person_state, false)?,

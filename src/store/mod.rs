@@ -10,12 +10,15 @@
 //! * `job`, `writer`: the queue, the group commit, what happens when the disk fails,
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
-//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
-//!   tables,
+//! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
+//! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
+//!   group of tables,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
+mod accounts;
 mod answers;
 mod batch;
+mod bonuses;
 mod check;
 mod checkpoints;
 mod comparisons;
@@ -30,6 +33,7 @@ mod names;
 mod open;
 mod rules;
 mod runs;
+mod sharing;
 mod studies;
 mod token;
 mod withdraw;
@@ -46,17 +50,24 @@ use tokio::sync::{Mutex, broadcast, mpsc};
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
+pub use accounts::{
+    Account, AccountName, AccountNameError, ApiToken, AuditEntry, AuditRow, NewAccount,
+    NewApiToken, Password, PasswordError, PasswordHash, SESSION_IDLE_MS, SESSION_LIFE_MS, Session,
+    TokenState,
+};
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
+pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
-pub use job::{AskedProblem, DrawnStep};
+pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
-    AnalysisSet, AnswerStatus, EventId, EventKind, FitId, FitState, Population, ProblemId, RunId,
-    RunState, StudyState, UnknownName, Verdict, VersionId,
+    AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
+    FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
+    Verdict, VersionId,
 };
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
@@ -64,7 +75,7 @@ pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
 use crate::clock::Clock;
-use crate::study::{StudyId, TimeFactor, Timestamp};
+use crate::study::{NotAdmitted, StudyId, TimeFactor, Timestamp};
 use disk::Lock;
 use job::{Arrive, Hot, Job, Publish, Rare, Show, Start, Submit, Ticket};
 use token::Secret;
@@ -110,7 +121,8 @@ struct Shared {
     health: writer::Health,
     close: CancellationToken,
     writer: Mutex<Option<JoinHandle<()>>>,
-    _lock: Lock,
+    /// None beside a server, which holds it.
+    _lock: Option<Lock>,
 }
 
 /// Something that the pages of a study show has changed.
@@ -135,6 +147,10 @@ pub struct NewArrival {
     pub recruiting: BTreeMap<String, String>,
     /// Where the person comes from, for tables by source.
     pub source: Option<String>,
+    /// A look at the study that is never counted, which is possible in each of its states.
+    pub is_preview: bool,
+    /// Why nobody new may start; who is under way may come back all the same.
+    pub refusal: Option<NotAdmitted>,
 }
 
 /// How a run begins.
@@ -144,8 +160,15 @@ pub struct NewRun {
     pub study: StudyId,
     /// The study version that its texts come from.
     pub version: VersionId,
-    /// Its steps; see [`draw_run`].
-    pub steps: Vec<DrawnStep>,
+    /// What it would be in each condition, see [`draw_run`]: it becomes the first of those whose condition has the
+    /// fewest people under way or finished.
+    pub candidates: Vec<CandidateRun>,
+    /// How many people may be under way or finished.
+    pub quota: Option<u32>,
+    /// After so many milliseconds it gives its place back if it is not finished.
+    pub time_limit_ms: Option<i64>,
+    /// Why nobody new may start; who is under way may come back all the same.
+    pub refusal: Option<NotAdmitted>,
     /// Extra time, asked for before the start.
     pub factor: TimeFactor,
     /// Real or simulated.
@@ -206,6 +229,32 @@ impl Store {
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
         open::migrate(&path).await?;
+        Self::set_up(Options { path, ..options }, clock, Some(lock)).await
+    }
+
+    /// Opens a database that a server may be serving meanwhile: for commands that write.
+    ///
+    /// Nothing is locked and nothing is migrated, so a database of another schema than this program's is refused, and
+    /// so is a file that is not there. Each change is one immediate transaction of the same functions that the
+    /// server's writer calls; [`Store::close`] waits until all are on disk.
+    ///
+    /// # Errors
+    /// When the database is missing, of another schema, or cannot keep what the server promises; see [`OpenError`].
+    pub async fn open_beside(path: impl Into<PathBuf>, clock: Clock) -> Result<Self, OpenError> {
+        let path = path.into();
+        open::require_file(&path)?;
+        disk::require_trustworthy(&path)?;
+        open::require_schema(&path).await?;
+        let options = Options {
+            readers: 1,
+            ..Options::at(path)
+        };
+        Self::set_up(options, clock, None).await
+    }
+
+    /// Starts the writer and the readers on a database of the current schema.
+    async fn set_up(options: Options, clock: Clock, lock: Option<Lock>) -> Result<Self, OpenError> {
+        let path = options.path;
         let mut connection = open::writing_connection(&path).await?;
         let secret = open::secret(&mut connection, &path, clock.now()).await?;
         let pool = open::reading_pool(&path, options.readers).await?;
@@ -282,8 +331,8 @@ impl Store {
     /// Stores that somebody followed a link to a study, under a token from the caller's generator.
     ///
     /// # Errors
-    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in, except for a person of a recruiting
-    /// platform who has a run there.
+    /// `NotFound` for an unknown study, `Closed` for one that takes nobody in and `NotAdmitted` where the arrival says
+    /// so, except for a preview and for a person of a recruiting platform who has a run there.
     pub async fn arrive(
         &self,
         token: &Token,
@@ -305,6 +354,8 @@ impl Store {
             platform_key,
             recruiting,
             source: arrival.source,
+            is_preview: arrival.is_preview,
+            refusal: arrival.refusal,
             at: self.now(),
         };
         self.wait_for(|ticket| Job::Hot(Hot::Arrive(arrive, ticket)))
@@ -315,14 +366,17 @@ impl Store {
     ///
     /// # Errors
     /// `NotFound` for an unknown or expired arrival or one of another study, `Closed` where a new run would be needed and the study takes
-    /// nobody in (a preview starts in any state).
+    /// nobody in, `NotAdmitted` where `run` says so or no place is left (a preview starts in any case).
     pub async fn start(&self, arrival: &Token, run: NewRun) -> Result<Started, Error> {
         let start = Box::new(Start {
             arrival: arrival.hash(),
             study: run.study,
             link: self.shared.secret.run_token(arrival),
             version: run.version,
-            steps: run.steps,
+            candidates: run.candidates,
+            quota: run.quota,
+            time_limit_ms: run.time_limit_ms,
+            refusal: run.refusal,
             factor: run.factor,
             population: run.population,
             is_preview: run.is_preview,
@@ -379,8 +433,8 @@ impl Store {
             .await
     }
 
-    /// Closes the timed questions whose time ran out with nobody there. Returns how many. For a task that calls it
-    /// every second; nothing is written where nothing is overdue.
+    /// Closes the timed questions whose time ran out with nobody there, and ends the runs that were not finished in
+    /// their time, which frees their places. Returns how many. For a task that calls it every second; nothing is written where nothing is overdue.
     ///
     /// # Errors
     /// When the database fails.
@@ -410,8 +464,8 @@ impl Store {
             .await
     }
 
-    /// Makes a study's text the current version, and the study itself if it is new (open). The same text again is
-    /// the version that it was.
+    /// Makes a study's text the current version, and the study itself if it is new, in the state `state_if_new`. The
+    /// same text again is the version that it was.
     ///
     /// # Errors
     /// When the database fails.
@@ -420,11 +474,13 @@ impl Store {
         study: &StudyId,
         hash: &str,
         text: &str,
+        state_if_new: StudyState,
     ) -> Result<VersionId, Error> {
         let publish = Publish {
             study: study.clone(),
             hash: hash.to_owned(),
             text: text.to_owned(),
+            state_if_new,
             at: self.now(),
         };
         self.wait_for(|ticket| Job::Rare(Rare::Publish(publish, ticket)))
@@ -478,6 +534,21 @@ impl Store {
     pub async fn forget_arrivals(&self) -> Result<u64, Error> {
         let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
         self.wait_for(|ticket| Job::Rare(Rare::ForgetArrivals(before, ticket)))
+            .await
+    }
+
+    /// Erases the links of a study's runs and what recruiting platforms told of their people, after its retention date.
+    /// Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn forget_people(&self, study: &StudyId) -> Result<u64, Error> {
+        let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
+        if !self.is_anybody_known(study, before).await? {
+            return Ok(0);
+        }
+        let study = study.clone();
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, before, ticket)))
             .await
     }
 

@@ -45,6 +45,10 @@ row_ids! {
     EventId,
     /// A fit of one model to one part of a plan.
     FitId,
+    /// Somebody who can log in.
+    AccountId,
+    /// A token of the API.
+    ApiTokenId,
 }
 
 /// A stored name that this program does not know: the database was written by a later version.
@@ -114,6 +118,8 @@ macro_rules! stored_names {
 stored_names! {
     /// Whether a study takes people in. People who are under way may finish in each of these states.
     StudyState, "study state" {
+        /// It is being prepared and takes in nobody but previews.
+        Draft = "draft",
         /// It takes people in.
         Open = "open",
         /// It does not for now.
@@ -129,6 +135,12 @@ stored_names! {
         Completed = "completed",
         /// The person did not consent.
         Declined = "declined",
+        /// An answer showed that the study is not meant for the person.
+        ScreenedOut = "screened_out",
+        /// A comprehension or attention check was failed for good.
+        FailedCheck = "failed_check",
+        /// The run was not finished within its time, and its place was given back.
+        TimedOut = "timed_out",
         /// The person withdrew, and their data are erased.
         Withdrawn = "withdrawn",
     }
@@ -153,6 +165,8 @@ stored_names! {
         TimedOut = "timed_out",
         /// It closed the step, as skipped; so far only data from elsewhere have it.
         Skipped = "skipped",
+        /// A comprehension check was answered wrongly and may be tried again: the step goes on.
+        Wrong = "wrong",
         /// The page said that the time had run out, but it had not: the question goes on.
         Early = "early",
         /// The step was closed already; the first answer stands.
@@ -172,6 +186,8 @@ stored_names! {
         Submitted = "submitted",
         /// The server closed a timed question that nobody answered.
         RanOut = "ran_out",
+        /// The server ended the run before its last step.
+        Ended = "ended",
         /// The person withdrew: everything else about the run is gone.
         Erased = "erased",
     }
@@ -183,6 +199,31 @@ stored_names! {
         Unconverged = "unconverged",
         /// It broke off with a message.
         Failed = "failed",
+    }
+    /// What an account may do.
+    Role, "role" {
+        /// Everything, accounts and the log included.
+        Admin = "admin",
+        /// Results, data, and changes of studies.
+        Researcher = "researcher",
+        /// Results.
+        Viewer = "viewer",
+    }
+    /// What a token of the API may be used for.
+    Scope, "scope" {
+        /// To read results: counts, fits, curves.
+        Results = "results",
+        /// To read what each person answered.
+        Data = "data",
+        /// To change studies.
+        Manage = "manage",
+    }
+    /// Whether somebody was let do what they tried.
+    AuditOutcome, "outcome" {
+        /// They did it.
+        Done = "done",
+        /// They were not let.
+        Refused = "refused",
     }
 }
 

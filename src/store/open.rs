@@ -133,6 +133,44 @@ pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
     connection.close().await.map_err(at(path))
 }
 
+/// Refuses a path where no file is: a command that writes must not make an empty database.
+pub(super) fn require_file(path: &Path) -> Result<(), OpenError> {
+    if path.is_file() {
+        Ok(())
+    } else {
+        Err(OpenError::Missing(path.to_owned()))
+    }
+}
+
+/// Refuses a database whose schema is not this program's.
+pub(super) async fn require_schema(path: &Path) -> Result<(), OpenError> {
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .read_only(true)
+        .busy_timeout(BUSY_TIMEOUT)
+        .disable_statement_logging()
+        .connect()
+        .await
+        .map_err(at(path))?;
+    let found = schema_version(&mut connection).await.map_err(at(path))?;
+    connection.close().await.map_err(at(path))?;
+    let known = MIGRATIONS.iter().map(|migration| migration.version).max();
+    match (found, known) {
+        (None, _) | (_, None) => Err(OpenError::NoSchema(path.to_owned())),
+        (Some(found), Some(known)) if found > known => Err(OpenError::LaterSchema {
+            path: path.to_owned(),
+            found,
+            known,
+        }),
+        (Some(found), Some(known)) if found < known => Err(OpenError::EarlierSchema {
+            path: path.to_owned(),
+            found,
+            known,
+        }),
+        (Some(_), Some(_)) => Ok(()),
+    }
+}
+
 /// The last migration that was applied; none in a new database.
 async fn schema_version(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
     let is_new: bool = sqlx::query_scalar(

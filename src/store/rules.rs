@@ -8,15 +8,19 @@
 //! 2. A form for a closed step is a duplicate: kept, and without effect. One for a step not reached yet is refused.
 //! 3. An answer to a timed question counts until its deadline, which was fixed when the question was shown; after
 //!    that it is late. The page's word that the time ran out is believed once the limit has passed, and not before.
-//! 4. A closed step leads to the next. Where that one is timed and of the same block, its clock starts at once,
+//! 4. A wrong answer to a comprehension check leaves the step open while attempts are left; the last one ends the run or
+//!    goes on, as the study says. An answer of somebody whom the study does not look for ends the run.
+//! 5. A closed step leads to the next. Where that one is timed and of the same block, its clock starts at once,
 //!    because the page that follows shows it.
+//! 6. A run that has an end and is not finished by then is ended by the sweep. An answer that comes before the sweep
+//!    still counts.
 
 use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
 use super::{AnswerStatus, ProblemId, RunState, Verdict};
-use crate::study::step::ClientTiming;
+use crate::study::step::{AfterFailure, Assessment, ClientTiming};
 use crate::study::{BlockId, DEFAULT_GRACE_MS, Deadline, Reply, StepKind, TimeFactor, Timestamp};
 
 /// How long after a deadline the sweep waits: an answer that was received in time and still waits to be written comes
@@ -37,6 +41,8 @@ pub struct Submission {
     pub timing: ClientTiming,
     /// The version of the consent text, for consent steps.
     pub consent_version: Option<String>,
+    /// What the study makes of it ([`Step::assess`](crate::study::Step::assess)).
+    pub assessment: Assessment,
 }
 
 /// What is kept of a form as the event's body, and compared where its key is used again.
@@ -47,6 +53,8 @@ pub(super) struct Body {
     pub(super) timing: ClientTiming,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) consent_version: Option<String>,
+    #[serde(default, skip_serializing_if = "Assessment::passes")]
+    pub(super) assessment: Assessment,
 }
 
 impl Body {
@@ -57,13 +65,22 @@ impl Body {
             reply,
             timing,
             consent_version,
+            assessment,
         } = submission.clone();
         Self {
             reply,
             timing,
             consent_version,
+            assessment,
         }
     }
+}
+
+/// What is kept of the end of a run that the server ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct EndedBody {
+    /// How it ended.
+    pub(super) state: RunState,
 }
 
 /// Why a form is refused. Nothing is stored of it.
@@ -103,7 +120,11 @@ pub(super) struct RunFacts {
     pub(super) shown_at: Option<Timestamp>,
     /// The last moment at which its answer counts.
     pub(super) deadline: Option<Timestamp>,
-    /// When the run was completed or declined, if that has just happened.
+    /// How often the current step was answered wrongly.
+    pub(super) attempts: u32,
+    /// When the run gives its place back if it is not finished.
+    pub(super) expires_at: Option<Timestamp>,
+    /// When the run ended, if that has just happened.
     pub(super) ended_at: Option<Timestamp>,
     pub(super) factor: TimeFactor,
     pub(super) is_preview: bool,
@@ -133,6 +154,8 @@ pub(super) struct Closed {
     pub(super) server_ms: Option<u64>,
     pub(super) limit_ms: Option<u64>,
     pub(super) deadline: Option<Timestamp>,
+    /// How often it was answered: more than once for a comprehension check only.
+    pub(super) attempts: u32,
 }
 
 /// What a form did.
@@ -184,6 +207,16 @@ impl RunFacts {
         if step.limit_ms.is_some() && self.deadline.is_none() {
             return Err(Refusal::NotShown(self.position));
         }
+        let failure = match submission.assessment {
+            Assessment::Wrong { last_attempt, then } => {
+                if self.attempts.saturating_add(1) < last_attempt {
+                    self.attempts += 1;
+                    return Ok(Judgement::without_effect(Verdict::Wrong));
+                }
+                Some(then)
+            }
+            Assessment::Passes | Assessment::ScreensOut => None,
+        };
         let is_late = self.deadline.is_some_and(|deadline| at > deadline);
         let status = match &submission.reply {
             Reply::GaveUp if !self.has_run_out(step, at) => {
@@ -192,6 +225,7 @@ impl RunFacts {
             Reply::GaveUp => AnswerStatus::TimedOut,
             Reply::Chose { .. } if is_late => AnswerStatus::Late,
             Reply::Agreed
+            | Reply::AgreedTo { .. }
             | Reply::Declined
             | Reply::Continued
             | Reply::Watched { .. }
@@ -202,6 +236,12 @@ impl RunFacts {
         let closed = self.close(status, at);
         if submission.reply == Reply::Declined {
             self.end(RunState::Declined, at);
+        }
+        if submission.assessment == Assessment::ScreensOut {
+            self.end(RunState::ScreenedOut, at);
+        }
+        if failure == Some(AfterFailure::End) {
+            self.end(RunState::FailedCheck, at);
         }
         let shown = self.start_clock_of_next(&block, at);
         Ok(Judgement {
@@ -230,6 +270,16 @@ impl RunFacts {
         let deadline = self.deadline?;
         let is_over = at.0 > deadline.0.saturating_add(slack_ms);
         (self.state == RunState::Active && is_over).then(|| self.close(AnswerStatus::TimedOut, at))
+    }
+
+    /// Ends the run if it was not finished in its time. What was answered stays.
+    pub(super) fn expire(&mut self, at: Timestamp) -> bool {
+        let is_over = self.expires_at.is_some_and(|expires_at| at > expires_at);
+        let ends = self.state == RunState::Active && is_over;
+        if ends {
+            self.end(RunState::TimedOut, at);
+        }
+        ends
     }
 
     fn has_run_out(&self, step: &StepFacts, at: Timestamp) -> bool {
@@ -261,7 +311,9 @@ impl RunFacts {
             server_ms: None,
             limit_ms: limit_ms.map(|limit_ms| self.limit(limit_ms).limit_ms()),
             deadline: self.deadline.take(),
+            attempts: self.attempts + 1,
         };
+        self.attempts = 0;
         self.position += 1;
         if self
             .ahead
@@ -276,8 +328,11 @@ impl RunFacts {
         }
     }
 
-    fn end(&mut self, state: RunState, at: Timestamp) {
+    /// The run ends, at whatever step it is.
+    pub(super) fn end(&mut self, state: RunState, at: Timestamp) {
         self.state = state;
+        self.shown_at = None;
+        self.deadline = None;
         self.ended_at = Some(at);
     }
 
@@ -300,7 +355,10 @@ fn verdict_of(status: AnswerStatus) -> Verdict {
 fn require_fit(position: u32, step: &StepFacts, reply: &Reply) -> Result<(), Refusal> {
     let (fits, takes) = match step.kind {
         StepKind::Consent => (
-            matches!(reply, Reply::Agreed | Reply::Declined),
+            matches!(
+                reply,
+                Reply::Agreed | Reply::AgreedTo { .. } | Reply::Declined
+            ),
             "agreement or refusal",
         ),
         StepKind::Info => (matches!(reply, Reply::Continued), "going on"),

@@ -1,17 +1,20 @@
 //! Arrivals and runs, as the pages of a participant need them.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use data_encoding::HEXLOWER;
 use rand::Rng;
+use rand::seq::SliceRandom;
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteConnection;
 
-use super::job::{AskedProblem, DrawnStep};
-use super::load::{step_kind, time_factor};
+use super::job::{AskedProblem, CandidateRun, DrawnStep};
+use super::load::{self, step_kind, time_factor};
 use super::{Error, Population, RunId, RunState, Store, Token, VersionId, json};
 use crate::model::ChoiceProblem;
 use crate::study::{
-    BlockId, DEFAULT_GRACE_MS, Deadline, QuestionId, Step, StepError, StepPlan, Study, StudyId,
-    TimeFactor, Timestamp,
+    BlockId, Condition, ConditionId, DEFAULT_GRACE_MS, Deadline, QuestionId, Step, StepError,
+    StepPlan, Study, StudyId, TimeFactor, Timestamp,
 };
 
 /// How long the button of a landing page works: a day.
@@ -24,6 +27,8 @@ pub struct ArrivalView {
     pub study: StudyId,
     /// The link of the run that it led to, if it did.
     pub link: Option<Token>,
+    /// A look at the study that is never counted.
+    pub is_preview: bool,
 }
 
 /// A run as its page needs it.
@@ -70,12 +75,14 @@ pub struct StepView {
     pub deadline: Option<Timestamp>,
     /// The limit as it holds for this person, extra time included.
     pub limit_ms: Option<u64>,
+    /// How often it was answered wrongly so far, for a comprehension check.
+    pub attempts: u32,
 }
 
-/// Whether all answers of a completed run are there.
+/// Whether all answers of a run that has ended are there.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StoredCount {
-    /// Steps that ask or tell something.
+    /// Steps that ask or tell something; in a run that ended before its last step, those up to its end.
     pub steps: u32,
     /// Answers stored for them.
     pub answers: u32,
@@ -86,18 +93,46 @@ impl StoredCount {
     pub fn is_complete(self) -> bool {
         self.steps > 0 && self.steps == self.answers
     }
+
+    /// Whether no step was closed.
+    pub fn is_empty(self) -> bool {
+        self.steps == 0 && self.answers == 0
+    }
 }
 
-/// Draws the steps of one run, with the problems that its choices put before the person.
+/// Draws the steps of one run, with the problems that its choices put before the person: once for each condition, in
+/// random order, so that of equally filled conditions chance decides.
 ///
 /// # Errors
 /// When the study cannot make a step of what it drew itself.
-pub fn draw_run(study: &Study, rng: &mut impl Rng) -> Result<Vec<DrawnStep>, StepError> {
-    study
-        .draw_steps(rng)
+pub fn draw_run(study: &Study, rng: &mut impl Rng) -> Result<Vec<CandidateRun>, StepError> {
+    if study.conditions().is_empty() {
+        return Ok(vec![candidate(study, None, rng)?]);
+    }
+    let candidates: Result<Vec<CandidateRun>, StepError> = study
+        .conditions()
+        .iter()
+        .map(|condition| candidate(study, Some(condition), rng))
+        .collect();
+    let mut candidates = candidates?;
+    candidates.shuffle(rng);
+    Ok(candidates)
+}
+
+fn candidate(
+    study: &Study,
+    condition: Option<&Condition>,
+    rng: &mut impl Rng,
+) -> Result<CandidateRun, StepError> {
+    let steps: Result<Vec<DrawnStep>, StepError> = study
+        .draw_steps(condition, rng)
         .into_iter()
         .map(|plan| drawn_step(study, plan))
-        .collect()
+        .collect();
+    Ok(CandidateRun {
+        condition: condition.map(|condition| condition.id.clone()),
+        steps: steps?,
+    })
 }
 
 fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
@@ -162,6 +197,7 @@ struct RunRow {
     finished_at_ms: Option<i64>,
     shown_at_ms: Option<i64>,
     deadline_ms: Option<i64>,
+    attempts: u32,
     steps: u32,
     position: u32,
     kind: Option<String>,
@@ -177,9 +213,9 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown one, or one of more than a day ago that led nowhere.
     pub async fn arrival(&self, token: &Token) -> Result<ArrivalView, Error> {
-        let row: Option<(String, i64, bool)> = sqlx::query_as(
+        let row: Option<(String, i64, bool, bool)> = sqlx::query_as(
             r#"
-            select study_id, created_at_ms, run_id is not null
+            select study_id, created_at_ms, run_id is not null, is_preview
             from arrival
             where token_hash = ?
             "#,
@@ -187,7 +223,8 @@ impl Store {
         .bind(token.hash().as_bytes())
         .fetch_optional(&self.pool)
         .await?;
-        let (study, created_at_ms, is_started) = row.ok_or(Error::NotFound("arrival"))?;
+        let (study, created_at_ms, is_started, is_preview) =
+            row.ok_or(Error::NotFound("arrival"))?;
         if !is_started && self.now().0 - created_at_ms > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
         }
@@ -195,6 +232,7 @@ impl Store {
         Ok(ArrivalView {
             study: study.into(),
             link,
+            is_preview,
         })
     }
 
@@ -208,7 +246,7 @@ impl Store {
             select
                 run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run_token.is_finisher, run.is_simulated,
                 run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
-                run.deadline_ms, run.position,
+                run.deadline_ms, run.attempts, run.position,
                 (select count(*) from step where step.run_id = run.id) as steps,
                 step.kind, step.block, step.question, step.limit_ms, step.data
             from run_token
@@ -273,7 +311,7 @@ impl Store {
         Ok(row.ok_or(Error::NotFound("step"))?.plan()?)
     }
 
-    /// Counts the stored answers of a run, for the page that shows its completion code.
+    /// Counts the stored answers of a run, for the page that shows its code.
     ///
     /// # Errors
     /// When the database fails.
@@ -281,7 +319,15 @@ impl Store {
         let (steps, answers) = sqlx::query_as(
             r#"
             select
-                (select count(*) from step where run_id = ?1 and kind <> 'thanks'),
+                (
+                    select count(*)
+                    from run
+                    join step on step.run_id = run.id
+                    where run.id = ?1
+                    and step.kind <> 'thanks'
+                    -- what a run that ended early never came to is not missing
+                    and (run.state in ('active', 'completed') or step.position < run.position)
+                ),
                 (select count(*) from answer where run_id = ?1)
             "#,
         )
@@ -291,13 +337,60 @@ impl Store {
         Ok(StoredCount { steps, answers })
     }
 
-    /// Whether a timed question waits to be closed.
-    pub(super) async fn is_anything_overdue(&self, now: Timestamp) -> Result<bool, Error> {
-        let before = now.0 - super::rules::SWEEP_SLACK_MS;
+    /// How many people are under way or have completed, by condition, in the order of the conditions' ids.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn places_taken(
+        &self,
+        study: &StudyId,
+        population: Population,
+    ) -> Result<BTreeMap<Option<ConditionId>, u64>, Error> {
+        let mut connection = self.pool.acquire().await?;
+        let studies = BTreeSet::from([(study.clone(), population)]);
+        let places = load::places(&mut connection, &studies).await?;
+        Ok(places
+            .into_iter()
+            .map(|(place, taken)| (place.condition, taken))
+            .collect())
+    }
+
+    /// Whether some run of a study has a link, or tells whom a platform sent.
+    pub(super) async fn is_anybody_known(
+        &self,
+        study: &StudyId,
+        before: Timestamp,
+    ) -> Result<bool, Error> {
         Ok(sqlx::query_scalar(
-            "select exists (select 1 from run where deadline_ms < ? and state = 'active')",
+            r#"
+            select exists (
+                select 1
+                from run
+                where study_id = ?
+                and (state <> 'active' or started_at_ms < ?)
+                and (
+                    platform is not null or platform_key is not null or recruiting is not null
+                    or exists (select 1 from run_token where run_token.run_id = run.id)
+                )
+            )
+            "#,
         )
-        .bind(before)
+        .bind(study.as_str())
+        .bind(before.0)
+        .fetch_one(&self.pool)
+        .await?)
+    }
+
+    /// Whether a timed question waits to be closed, or a run to be ended.
+    pub(super) async fn is_anything_overdue(&self, now: Timestamp) -> Result<bool, Error> {
+        Ok(sqlx::query_scalar(
+            r#"
+            select exists (select 1 from run where deadline_ms < ? and state = 'active')
+            or exists (select 1 from run where expires_at_ms < ? and state = 'active')
+            "#,
+        )
+        .bind(now.0 - super::rules::SWEEP_SLACK_MS)
+        .bind(now.0)
         .fetch_one(&self.pool)
         .await?)
     }
@@ -329,6 +422,7 @@ impl RunRow {
                     shown_at,
                     deadline,
                     limit_ms,
+                    attempts: self.attempts,
                 })
             }
             (None, _, _) | (_, None, _) | (_, _, None) => None,

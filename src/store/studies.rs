@@ -153,8 +153,9 @@ pub(super) async fn publish(
     publish: &Publish,
 ) -> Result<(VersionId, Vec<Change>), sqlx::Error> {
     let study = publish.study.as_str();
-    sqlx::query("insert into study (id, state) values (?, 'open') on conflict do nothing")
+    sqlx::query("insert into study (id, state) values (?, ?) on conflict do nothing")
         .bind(study)
+        .bind(publish.state_if_new.as_str())
         .execute(&mut *connection)
         .await?;
     sqlx::query("insert into population (study_id, is_simulated) values (?1, 0), (?1, 1) on conflict do nothing")

@@ -3,9 +3,9 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::{Change, RunId, json, load};
-use crate::study::Timestamp;
+use crate::study::{StudyId, Timestamp};
 
-/// Erases a run: its answers, events, steps, recruiting ids and its share of the counters. What stays is an anonymous
+/// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
 /// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much.
 ///
 /// A run that is withdrawn already, or does not exist, changes nothing.
@@ -42,13 +42,17 @@ pub(super) async fn erase(
         .bind(run)
         .execute(&mut *connection)
         .await?;
+    sqlx::query("delete from bonus where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?;
     forget_recruiting(connection, run).await?;
     sqlx::query(
         r#"
         update run
         set
-            state = 'withdrawn', position = 0, shown_at_ms = null, deadline_ms = null, platform = null,
-            platform_key = null, recruiting = null, source = null, finished_at_ms = ?
+            state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
+            platform = null, platform_key = null, recruiting = null, source = null, finished_at_ms = ?
         where id = ?
         "#,
     )
@@ -80,6 +84,9 @@ pub(super) async fn erase(
         set
             completed = completed - (?2 = 'completed'),
             declined = declined - (?2 = 'declined'),
+            screened_out = screened_out - (?2 = 'screened_out'),
+            failed_check = failed_check - (?2 = 'failed_check'),
+            timed_out = timed_out - (?2 = 'timed_out'),
             withdrawn = withdrawn + 1,
             data_version = data_version + 1,
             page_version = page_version + 1
@@ -95,6 +102,46 @@ pub(super) async fn erase(
     .fetch_all(connection)
     .await?;
     Ok(changed.into_iter().map(Change::from).collect())
+}
+
+/// Erases links and recruiting ids of the runs of a study that are over or began before `before`. Returns how many had
+/// any.
+pub(super) async fn forget_people(
+    connection: &mut SqliteConnection,
+    study: &StudyId,
+    before: Timestamp,
+) -> Result<u64, sqlx::Error> {
+    let runs: Vec<RunId> = sqlx::query_scalar(
+        r#"
+        select id
+        from run
+        where study_id = ?
+        and (state <> 'active' or started_at_ms < ?)
+        and (
+            platform is not null or platform_key is not null or recruiting is not null
+            or exists (select 1 from run_token where run_token.run_id = run.id)
+        )
+        "#,
+    )
+    .bind(study.as_str())
+    .bind(before.0)
+    .fetch_all(&mut *connection)
+    .await?;
+    for statement in [
+        "delete from arrival where run_id in (select value from json_each(?))",
+        "delete from run_token where run_id in (select value from json_each(?))",
+        r#"
+        update run
+        set platform = null, platform_key = null, recruiting = null
+        where id in (select value from json_each(?))
+        "#,
+    ] {
+        sqlx::query(statement)
+            .bind(json(&runs))
+            .execute(&mut *connection)
+            .await?;
+    }
+    Ok(runs.len() as u64)
 }
 
 async fn subtract_counts(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {

@@ -14,7 +14,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
-use super::{Change, Error, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw};
+use super::{
+    Change, Error, accounts, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw,
+};
 
 /// How many jobs one commit takes at most.
 pub(super) const BATCH: usize = 512;
@@ -144,9 +146,9 @@ impl Writer {
                 self.is_second_chance = false;
                 self.health.commit_failed.store(false, Ordering::Release);
                 self.health.commits.fetch_add(1, Ordering::Relaxed);
-                let erased = jobs
-                    .iter()
-                    .any(|job| matches!(job, Job::Rare(Rare::Withdraw(..))));
+                let erased = jobs.iter().any(|job| {
+                    matches!(job, Job::Rare(Rare::Withdraw(..) | Rare::ForgetPeople(..)))
+                });
                 if erased && self.log != Log::Erased {
                     self.next_truncation = Instant::now() + IDLE;
                 }
@@ -313,8 +315,17 @@ async fn write_rare(
             ticket.hold(Ok(is_first));
             Ok(changes)
         }
+        Rare::ForgetPeople(study, before, ticket) => {
+            let forgotten = withdraw::forget_people(connection, study, *before).await?;
+            ticket.hold(Ok(forgotten));
+            Ok(Vec::new())
+        }
         Rare::ForgetArrivals(before, ticket) => {
             ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
+            Ok(Vec::new())
+        }
+        Rare::Account(change, at, ticket) => {
+            ticket.hold(accounts::write(connection, change, *at).await?);
             Ok(Vec::new())
         }
     }

@@ -8,6 +8,11 @@ pub fn built_in() -> Vec<(&'static str, &'static str)> {
     ]
 }
 
+/// A study file to start from: every kind of block once, with comments. Its id is `my-study`.
+pub fn starter() -> &'static str {
+    include_str!("../../studies/templates/starter.toml")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -19,5 +24,12 @@ mod tests {
             let study = Study::parse(name, text).unwrap_or_else(|error| panic!("{error}"));
             assert_eq!(format!("{}.toml", study.id()), name);
         }
+    }
+    #[test]
+    fn the_file_to_start_from_is_valid_and_a_draft() {
+        let study =
+            Study::parse("starter.toml", starter()).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(study.id().as_str(), "my-study");
+        assert!(!starter().lines().any(|line| line.starts_with("open")));
     }
 }

@@ -6,8 +6,8 @@ use super::step::{
     ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
 };
 use super::{
-    Baseline, BlockId, Cell, FactorId, FitPlan, FitSettings, LevelId, PaperFigure, ParseError,
-    Sequential, StudyId, parse,
+    Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, LevelId,
+    PaperFigure, ParseError, Recruiting, Sequential, StudyId, parse,
 };
 use crate::model::ChoiceModel;
 
@@ -29,8 +29,11 @@ pub struct Study {
     pub(super) cells: Vec<Cell>,
     pub(super) baseline: Vec<Baseline>,
     pub(super) baseline_share: Option<f64>,
-    pub(super) completion: Completion,
-    pub(super) recruiting_ids: RecruitingIds,
+    pub(super) endings: Endings,
+    pub(super) bonus: Option<Bonus>,
+    pub(super) is_open_at_first: bool,
+    pub(super) conditions: Vec<Condition>,
+    pub(super) recruiting: Recruiting,
     pub(super) include: Include,
     pub(super) blind_until: Option<u64>,
     pub(super) hypothesis: Option<StatedHypothesis>,
@@ -46,6 +49,15 @@ impl Study {
     /// # Errors
     /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::study(file_name, text).map_err(|mut errors| errors.swap_remove(0))
+    }
+
+    /// Parses a study file like [`Study::parse`], naming more than the first error.
+    ///
+    /// # Errors
+    /// What is wrong with the file, one error or more: the first of each part (the head, each block, and so on). What
+    /// depends on a faulty part is looked at only when that is right.
+    pub fn check(file_name: &str, text: &str) -> Result<Self, Vec<ParseError>> {
         parse::study(file_name, text)
     }
 
@@ -124,9 +136,24 @@ impl Study {
         &self.paper
     }
 
-    /// What a finished run shows and where it leads.
-    pub fn completion(&self) -> &Completion {
-        &self.completion
+    /// What a completed run shows and where it leads.
+    pub fn completion(&self) -> &EndingPage {
+        self.ending(Ending::Completed)
+    }
+
+    /// What a run that ended in this way shows and where it leads.
+    pub fn ending(&self, ending: Ending) -> &EndingPage {
+        match ending {
+            Ending::Completed => &self.endings.completed,
+            Ending::ScreenedOut => &self.endings.screened_out,
+            Ending::FailedCheck => &self.endings.failed_check,
+            Ending::TimedOut => &self.endings.timed_out,
+        }
+    }
+
+    /// What is paid beside the fee, if anything is.
+    pub fn bonus(&self) -> Option<&Bonus> {
+        self.bonus.as_ref()
     }
 
     /// What somebody who does not consent is shown; `None` in a study that asks for no consent.
@@ -151,9 +178,20 @@ impl Study {
         })
     }
 
-    /// How the ids that recruiting platforms send are stored.
-    pub fn recruiting_ids(&self) -> RecruitingIds {
-        self.recruiting_ids
+    /// Whether it takes people in as soon as it is first loaded; else it begins as a draft.
+    pub fn is_open_at_first(&self) -> bool {
+        self.is_open_at_first
+    }
+
+    /// The conditions between which people are divided, the first factor changing slowest; none in a study whose
+    /// people all meet the same.
+    pub fn conditions(&self) -> &[Condition] {
+        &self.conditions
+    }
+
+    /// Who is taken in, when, and for how long.
+    pub fn recruiting(&self) -> &Recruiting {
+        &self.recruiting
     }
 
     /// Whose answers are analysed.
@@ -231,8 +269,21 @@ pub struct Factor {
     pub id: FactorId,
     /// Its text on pages.
     pub label: String,
+    /// Whether each person meets all of its levels or one.
+    pub assign: Assign,
     /// Its levels, in file order; at least one.
     pub levels: Vec<Level>,
+}
+
+/// How the levels of a factor meet people.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Assign {
+    /// Each person meets every level.
+    #[default]
+    Within,
+    /// Each person meets one level, the same throughout.
+    Between,
 }
 
 /// A level of a factor.
@@ -244,20 +295,42 @@ pub struct Level {
     pub label: String,
 }
 
-/// What a finished run shows and where it leads.
+/// How a run ends that somebody agreed to, and did not withdraw.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// With its last step.
+    Completed,
+    /// With an answer of somebody whom the study does not look for.
+    ScreenedOut,
+    /// With the last wrong attempt at a comprehension check.
+    FailedCheck,
+    /// Unfinished, when its time was over.
+    TimedOut,
+}
+
+/// The page of each ending.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Completion {
+pub(super) struct Endings {
+    pub(super) completed: EndingPage,
+    pub(super) screened_out: EndingPage,
+    pub(super) failed_check: EndingPage,
+    pub(super) timed_out: EndingPage,
+}
+
+/// What a run shows that has ended, and where it leads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EndingPage {
     /// The heading.
     pub title: String,
     /// The text as HTML.
     pub text_html: String,
-    /// The code that proves completion to a recruiting platform.
+    /// The code that tells a recruiting platform how the run ended.
     pub code: CompletionCode,
     pub(super) redirect: Option<String>,
 }
 
-impl Completion {
-    /// Where a person with this completion code is sent, if the study sends people anywhere: an `https` address.
+impl EndingPage {
+    /// Where a person with this code is sent, if the study sends people anywhere: an `https` address.
     pub fn redirect_url(&self, code: &str) -> Option<String> {
         self.redirect
             .as_ref()
@@ -265,22 +338,15 @@ impl Completion {
     }
 }
 
-/// Where completion codes come from.
+/// Where codes come from.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum CompletionCode {
     /// The same for everybody, as Prolific wants it: letters, digits, `-` and `_`.
     Fixed(String),
     /// One per run.
     PerRun,
-}
-
-/// How the ids that recruiting platforms send are stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RecruitingIds {
-    /// Under a keyed hash.
-    Hashed,
-    /// As they are.
-    Plain,
+    /// There is none.
+    Absent,
 }
 
 /// Whose answers are analysed.

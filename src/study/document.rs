@@ -97,6 +97,12 @@ impl<'t> Document<'t> {
         i64::from_str_radix(number.as_str(), number.radix()).ok()
     }
 
+    /// How many elements the list at `path` has; none where there is no list.
+    pub(super) fn length_at(&self, path: &KeyPath) -> usize {
+        let list = self.value_at(path).and_then(|value| value.as_array());
+        list.map_or(0, |list| list.len())
+    }
+
     /// Reads the table at `path` as a `T`, leaving out the key `except`.
     pub(super) fn read_table<T: DeserializeOwned>(
         &self,

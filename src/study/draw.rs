@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use rand::Rng;
 use rand::seq::SliceRandom;
+use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use super::definition::{BlockBody, Choices, Order, Study, Unit};
 use super::step::ReplaysText;
-use super::{ActionId, BlockId, FactorId, LevelId, QuestionId, ReplayId};
+use super::{ActionId, BlockId, BonusTerms, Condition, FactorId, LevelId, QuestionId, ReplayId};
 
 /// What kind of step it is: the name under which it is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -43,7 +43,7 @@ impl StepKind {
 }
 
 /// One step of a run as it is stored: what was drawn, while texts come from the study's version.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepPlan {
     /// Its kind.
     pub kind: StepKind,
@@ -62,7 +62,7 @@ pub struct StepPlan {
 }
 
 /// What is particular to a step in one run.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct StepData {
     /// The question's factor levels, for whoever reads the stored run without its study file.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -79,33 +79,53 @@ pub struct StepData {
     /// How many questions its block asks.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of: Option<usize>,
+    /// What the last step pays, in a study with a bonus.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bonus: Option<BonusTerms>,
 }
 
 /// The block of the last step. A study file cannot use this id for a block of its own.
 pub(super) const THANKS_BLOCK: &str = "thanks";
 
 impl Study {
-    /// Draws the whole run of one person: every step in order, with all random orders settled.
+    /// Draws the whole run of one person: every step in order, with all random orders settled. Of a study with
+    /// conditions it is what one of them meets, or without `condition` everything that the file holds.
     ///
-    /// Only orders that the file calls random use `rng`.
-    pub fn draw_steps(&self, rng: &mut impl Rng) -> Vec<StepPlan> {
+    /// Only orders that the file calls random and the seed of a bonus use `rng`.
+    pub fn draw_steps(&self, condition: Option<&Condition>, rng: &mut impl Rng) -> Vec<StepPlan> {
+        let meets = |levels: &[(FactorId, LevelId)]| {
+            condition.is_none_or(|condition| condition.takes(levels))
+        };
         let mut steps = Vec::new();
         let mut action_orders = ActionOrders::default();
         for block in &self.blocks {
             match &block.body {
                 BlockBody::Consent(_) => steps.push(plain_step(StepKind::Consent, &block.id)),
+                BlockBody::Info(text) if !meets(&text.when) => {}
                 BlockBody::Info(_) => steps.push(plain_step(StepKind::Info, &block.id)),
                 BlockBody::Form(_) => steps.push(plain_step(StepKind::Form, &block.id)),
                 BlockBody::Replays(text) => steps.push(draw_replays(&block.id, text, rng)),
                 BlockBody::Choice(choices) => {
-                    if choices.start.is_some() {
+                    let order = draw_order(choices, meets, rng);
+                    if choices.start.is_some() && !order.is_empty() {
                         steps.push(plain_step(StepKind::Info, &block.id));
                     }
-                    steps.extend(self.draw_block(&block.id, choices, &mut action_orders, rng));
+                    steps.extend(self.draw_block(
+                        &block.id,
+                        choices,
+                        order,
+                        &mut action_orders,
+                        rng,
+                    ));
                 }
             }
         }
-        steps.push(plain_step(StepKind::Thanks, &BlockId::from(THANKS_BLOCK)));
+        let mut thanks = plain_step(StepKind::Thanks, &BlockId::from(THANKS_BLOCK));
+        thanks.data.bonus = self.bonus.clone().map(|bonus| BonusTerms {
+            bonus,
+            seed: rng.random(),
+        });
+        steps.push(thanks);
         steps
     }
 
@@ -113,21 +133,10 @@ impl Study {
         &self,
         block: &BlockId,
         choices: &Choices,
+        order: Vec<usize>,
         action_orders: &mut ActionOrders,
         rng: &mut impl Rng,
     ) -> Vec<StepPlan> {
-        let mut units: Vec<&Unit> = choices.units.iter().collect();
-        if choices.order == Order::Random {
-            units.shuffle(rng);
-        }
-        let mut order = Vec::with_capacity(choices.questions.len());
-        for unit in units {
-            let mut members: Vec<usize> = unit.questions.clone().collect();
-            if unit.order == Order::Random {
-                members.shuffle(rng);
-            }
-            order.extend(members);
-        }
         let of = order.len();
         order
             .into_iter()
@@ -154,11 +163,34 @@ impl Study {
                         replays: Vec::new(),
                         number: Some(position + 1),
                         of: Some(of),
+                        bonus: None,
                     },
                 }
             })
             .collect()
     }
+}
+
+/// The questions of a block that a person meets, in their order.
+fn draw_order(
+    choices: &Choices,
+    meets: impl Fn(&[(FactorId, LevelId)]) -> bool,
+    rng: &mut impl Rng,
+) -> Vec<usize> {
+    let mut units: Vec<&Unit> = choices.units.iter().collect();
+    if choices.order == Order::Random {
+        units.shuffle(rng);
+    }
+    let mut order = Vec::with_capacity(choices.questions.len());
+    for unit in units {
+        let mut members: Vec<usize> = unit.questions.clone().collect();
+        if unit.order == Order::Random {
+            members.shuffle(rng);
+        }
+        order.extend(members);
+    }
+    order.retain(|index| meets(&choices.questions[*index].levels));
+    order
 }
 
 /// One order per run and set of actions, so that a person finds each action in the same place throughout.

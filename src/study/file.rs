@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::definition::Order;
+use super::Device;
+use super::definition::{Assign, Order};
+use super::step::AfterFailure;
 use super::template::{Scalar, Values};
 use crate::planning::table::{Outcome, Tower};
 
@@ -14,6 +16,8 @@ use crate::planning::table::{Outcome, Tower};
 #[serde(deny_unknown_fields)]
 pub(super) struct RawStudy {
     pub(super) format: i64,
+    #[serde(default)]
+    pub(super) open: bool,
     pub(super) id: String,
     pub(super) title: String,
     pub(super) summary: String,
@@ -31,6 +35,7 @@ pub(super) struct RawStudy {
     pub(super) question: RawQuestionDefaults,
     pub(super) block: Vec<IgnoredAny>,
     pub(super) completion: RawCompletion,
+    pub(super) bonus: Option<RawBonus>,
     #[serde(default)]
     pub(super) recruiting: RawRecruiting,
     #[serde(default)]
@@ -58,6 +63,8 @@ pub(super) struct RawRewardUnit {
 pub(super) struct RawFactor {
     pub(super) id: String,
     pub(super) label: String,
+    #[serde(default)]
+    pub(super) assign: Assign,
     pub(super) level: Vec<RawLevel>,
 }
 
@@ -114,6 +121,17 @@ pub(super) struct RawConsent {
     pub(super) decline: String,
     pub(super) declined_title: String,
     pub(super) declined_text: String,
+    #[serde(default)]
+    pub(super) clause: Vec<RawClause>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawClause {
+    pub(super) id: String,
+    pub(super) text: String,
+    #[serde(default)]
+    pub(super) required: bool,
 }
 
 #[derive(Debug, Deserialize)]
@@ -124,6 +142,8 @@ pub(super) struct RawInfo {
     pub(super) text: String,
     pub(super) scene: Option<String>,
     pub(super) button: String,
+    #[serde(default)]
+    pub(super) when: BTreeMap<String, String>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -214,6 +234,9 @@ pub(super) struct RawForm {
     #[serde(default)]
     pub(super) text: String,
     pub(super) button: String,
+    pub(super) attempts: Option<u32>,
+    pub(super) hint: Option<String>,
+    pub(super) then: Option<AfterFailure>,
     pub(super) field: Vec<RawField>,
 }
 
@@ -226,21 +249,41 @@ pub(super) struct RawField {
     pub(super) hint: Option<String>,
     #[serde(default)]
     pub(super) required: bool,
-    pub(super) min: Option<i64>,
-    pub(super) max: Option<i64>,
+    pub(super) min: Option<f64>,
+    pub(super) max: Option<f64>,
+    pub(super) digits: Option<u32>,
     pub(super) max_length: Option<usize>,
     pub(super) options: Option<Vec<RawOption>>,
     pub(super) other: Option<bool>,
-    pub(super) expected: Option<String>,
+    pub(super) scale: Option<Vec<String>>,
+    pub(super) points: Option<usize>,
+    pub(super) low: Option<String>,
+    pub(super) high: Option<String>,
+    pub(super) items: Option<Vec<RawItem>>,
+    pub(super) correct: Option<RawAnswer>,
+    pub(super) expected: Option<RawAnswer>,
     pub(super) autocomplete: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub(super) enum RawFieldKind {
     Integer,
+    Number,
     Text,
+    LongText,
     Choice,
+    Choices,
+    Likert,
+}
+
+/// An answer as the file writes it down: an option's id, several of them, or a number.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum RawAnswer {
+    One(String),
+    Several(Vec<String>),
+    Number(f64),
 }
 
 #[derive(Debug, Deserialize)]
@@ -248,6 +291,18 @@ pub(super) enum RawFieldKind {
 pub(super) struct RawOption {
     pub(super) id: String,
     pub(super) label: String,
+    #[serde(default)]
+    pub(super) screens_out: bool,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawItem {
+    pub(super) id: String,
+    pub(super) text: String,
+    #[serde(default)]
+    pub(super) reverse: bool,
+    pub(super) expected: Option<i64>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -257,6 +312,30 @@ pub(super) struct RawCompletion {
     pub(super) text: String,
     pub(super) code: Option<String>,
     pub(super) redirect: Option<String>,
+    #[serde(default)]
+    pub(super) screened_out: RawEnding,
+    #[serde(default)]
+    pub(super) failed_check: RawEnding,
+    #[serde(default)]
+    pub(super) timed_out: RawEnding,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawEnding {
+    pub(super) title: Option<String>,
+    pub(super) text: Option<String>,
+    pub(super) code: Option<String>,
+    pub(super) redirect: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawBonus {
+    pub(super) currency: String,
+    pub(super) rate: f64,
+    #[serde(default)]
+    pub(super) endowment: f64,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -264,6 +343,23 @@ pub(super) struct RawCompletion {
 pub(super) struct RawRecruiting {
     #[serde(default)]
     pub(super) ids: RawIds,
+    pub(super) quota: Option<u32>,
+    pub(super) opens: Option<toml::value::Datetime>,
+    pub(super) closes: Option<toml::value::Datetime>,
+    pub(super) devices: Option<Vec<Device>>,
+    pub(super) time_limit_min: Option<u32>,
+    pub(super) retention: Option<toml::value::Datetime>,
+    #[serde(default)]
+    pub(super) filters: Vec<String>,
+    #[serde(default)]
+    pub(super) mturk: RawMturk,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RawMturk {
+    #[serde(default)]
+    pub(super) frame: bool,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]

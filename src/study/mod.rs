@@ -8,15 +8,19 @@
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
-//! * `draw`: a run's list of steps,
+//! * `condition`: what differs between people; `recruiting`: who is taken in,
+//! * `draw`: a run's list of steps; `bonus`: what is paid for them,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
 //!   (texts),
+//! * `outline`: what a run consists of and how long it takes,
 //! * `built_in`: the studies compiled into the program.
 
+mod bonus;
 mod built_in;
 mod cell;
+mod condition;
 mod definition;
 mod document;
 mod draw;
@@ -25,17 +29,21 @@ mod file;
 mod id;
 mod instructed;
 mod markup;
+mod outline;
 mod parse;
 mod plan;
+mod recruiting;
 mod sequential;
 pub mod step;
 mod template;
 mod timing;
 
-pub use built_in::built_in;
+pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonus};
+pub use built_in::{built_in, starter};
 pub use cell::{ActionLabel, Baseline, Cell};
+pub use condition::{Condition, ConditionId};
 pub use definition::{
-    Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit,
+    Assign, CompletionCode, Ending, EndingPage, Factor, Include, Level, RewardUnit,
     StatedHypothesis, Study,
 };
 pub use draw::{StepData, StepKind, StepPlan};
@@ -44,9 +52,11 @@ pub use id::{
     ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, ReplayId, StudyId,
 };
 pub use instructed::InstructedItem;
+pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
+pub use recruiting::{Device, NotAdmitted, Recruiting, RecruitingIds};
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

@@ -18,6 +18,20 @@ pub enum Error {
     /// The address exists, the method does not.
     #[error("this address does not take this kind of request")]
     MethodNotAllowed,
+    /// Nobody is logged in, or the token opens nothing.
+    #[error("{text}")]
+    Unauthorized {
+        /// What would help.
+        text: String,
+        /// What the API's `WWW-Authenticate` says.
+        challenge: Option<String>,
+    },
+    /// Too many tries.
+    #[error("too many tries; the next one is let in {retry_after_s} s")]
+    TooMany {
+        /// How long to wait.
+        retry_after_s: u64,
+    },
     /// The visitor may not see this; the text says what would allow it.
     #[error("{0}")]
     Forbidden(String),
@@ -55,6 +69,8 @@ impl Error {
         match self {
             Self::NotFound(_) => StatusCode::NOT_FOUND,
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
+            Self::Unauthorized { .. } => StatusCode::UNAUTHORIZED,
+            Self::TooMany { .. } => StatusCode::TOO_MANY_REQUESTS,
             Self::Forbidden(_) | Self::Blind(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
@@ -74,6 +90,8 @@ impl Error {
                 Self::Blind(blind) => Some(*blind),
                 Self::NotFound(_)
                 | Self::MethodNotAllowed
+                | Self::Unauthorized { .. }
+                | Self::TooMany { .. }
                 | Self::Forbidden(_)
                 | Self::BadRequest(_)
                 | Self::UnsupportedMediaType
@@ -86,6 +104,42 @@ impl Error {
             },
             ..Problem::new(self.status(), self.to_string())
         }
+    }
+
+    /// Adds what tells a program when to come back, or with what.
+    fn hint(&self, mut response: Response) -> Response {
+        let headers = response.headers_mut();
+        match self {
+            Self::Busy => {
+                headers.insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
+            }
+            Self::TooMany { retry_after_s } => {
+                headers.insert(header::RETRY_AFTER, HeaderValue::from(*retry_after_s));
+            }
+            Self::Unauthorized {
+                challenge: Some(challenge),
+                ..
+            } => {
+                if let Ok(challenge) = HeaderValue::try_from(challenge) {
+                    headers.insert(header::WWW_AUTHENTICATE, challenge);
+                }
+            }
+            Self::Unauthorized {
+                challenge: None, ..
+            }
+            | Self::NotFound(_)
+            | Self::MethodNotAllowed
+            | Self::Forbidden(_)
+            | Self::Blind(_)
+            | Self::BadRequest(_)
+            | Self::UnsupportedMediaType
+            | Self::TooLarge
+            | Self::Unprocessable(_)
+            | Self::Conflict(_)
+            | Self::Closed(_)
+            | Self::Internal(_) => {}
+        }
+        response
     }
 
     /// Logs a fault once, here where it is handled; everything else is the visitor's business.
@@ -103,7 +157,9 @@ impl From<store::Error> for Error {
             store::Error::Conflict(_) | store::Error::Refused(_) => {
                 Self::Conflict(error.to_string())
             }
-            store::Error::Closed { .. } => Self::Closed(error.to_string()),
+            store::Error::Closed { .. } | store::Error::NotAdmitted(_) => {
+                Self::Closed(error.to_string())
+            }
             store::Error::Busy | store::Error::Unavailable(_) => Self::Busy,
             store::Error::Database(_) => Self::Internal(error.into()),
         }
@@ -128,11 +184,15 @@ impl IntoResponse for Error {
         self.log();
         let problem = self.problem();
         let page = ErrorPage {
-            title: problem.title,
+            title: if let Self::Closed(_) = &self {
+                "You cannot start this study now"
+            } else {
+                problem.title
+            },
             message: sentence(&problem.detail),
         };
         let body = page.render().unwrap_or_else(|_| page.message.clone());
-        let mut response = retry_hint((self.status(), Html(body)).into_response());
+        let mut response = self.hint((self.status(), Html(body)).into_response());
         // A layer that knows only pages may speak for the API.
         response.extensions_mut().insert(problem);
         response
@@ -152,17 +212,8 @@ impl<E: Into<Error>> From<E> for ApiError {
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         self.0.log();
-        retry_hint(self.0.problem().into_response())
+        self.0.hint(self.0.problem().into_response())
     }
-}
-
-fn retry_hint(mut response: Response) -> Response {
-    if response.status() == StatusCode::SERVICE_UNAVAILABLE {
-        response
-            .headers_mut()
-            .insert(header::RETRY_AFTER, HeaderValue::from_static("1"));
-    }
-    response
 }
 
 /// Messages are written lower case and without a full stop; a page shows a sentence.

@@ -1,11 +1,15 @@
 //! Headers that every answer carries.
 
+use std::sync::Arc;
+
 use axum::{
-    extract::Request,
+    extract::{Request, State},
     http::{HeaderMap, HeaderName, HeaderValue, header},
     middleware::Next,
     response::Response,
 };
+
+use super::Settings;
 
 /// Nothing but our own files: no inline script, no inline style. The hash is that of the constant style text which the
 /// vendored Observable Plot puts into its drawings (static/vendor/README.md says how to renew it).
@@ -28,15 +32,31 @@ const FIXED: [(HeaderName, &str); 5] = [
     ),
 ];
 
-pub(super) async fn set(request: Request, next: Next) -> Response {
+/// For a year, browsers ask this host over HTTPS alone. Not its subdomains, which may be somebody else's.
+const STRICT_TRANSPORT: HeaderValue = HeaderValue::from_static("max-age=31536000");
+
+pub(super) async fn set(
+    State(settings): State<Arc<Settings>>,
+    request: Request,
+    next: Next,
+) -> Response {
     let mut response = next.run(request).await;
     let headers = response.headers_mut();
     for (name, value) in FIXED {
         headers.insert(name, HeaderValue::from_static(value));
     }
-    headers
-        .entry(header::CACHE_CONTROL)
-        .or_insert(HeaderValue::from_static("no-store"));
+    if settings.is_https() {
+        headers.insert(header::STRICT_TRANSPORT_SECURITY, STRICT_TRANSPORT);
+    }
+    // Only files that have their hash in their address may be kept, and what is asked for again by its tag; event streams
+    // say `no-cache`, which lets be kept.
+    let is_immutable = headers
+        .get(header::CACHE_CONTROL)
+        .and_then(|cache| cache.to_str().ok())
+        .is_some_and(|cache| cache.contains("immutable"));
+    if !is_immutable && !headers.contains_key(header::ETAG) {
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+    }
     if headers.contains_key(header::CONTENT_ENCODING) {
         weaken_tag(headers);
     }

@@ -4,12 +4,18 @@ use std::sync::Arc;
 
 use askama::Template;
 use askama_web::WebTemplate;
-use axum::{Router, extract::State, routing::get};
+use axum::{Extension, Router, extract::State, routing::get};
 
-use super::{AppState, Error, Settings, assets};
+use super::{
+    AppState, Error, Settings,
+    access::Caller,
+    accounts::{Bar, Who},
+    assets,
+};
 use crate::{
     jobs::Catalogue,
     store::{Store, StudyState},
+    study::StudyId,
 };
 
 pub(super) fn router() -> Router<AppState> {
@@ -22,6 +28,7 @@ struct HomePage {
     studies: Vec<Entry>,
     simulated: bool,
     access: &'static str,
+    bar: Bar,
 }
 
 struct Entry {
@@ -36,23 +43,26 @@ async fn home(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     State(settings): State<Arc<Settings>>,
+    Extension(caller): Extension<Caller>,
 ) -> Result<HomePage, Error> {
     let states = store.studies().await?;
+    let is = |id: &StudyId, state| states.iter().any(|row| row.id == *id && row.state == state);
     let studies = catalogue
         .studies()
+        .into_iter()
+        .filter(|study| !is(study.id(), StudyState::Draft))
         .map(|study| Entry {
             id: study.id().to_string(),
             title: study.title().to_owned(),
             summary: study.summary().to_owned(),
             minutes: study.minutes(),
-            is_open: states
-                .iter()
-                .any(|row| row.id == *study.id() && row.state == StudyState::Open),
+            is_open: is(study.id(), StudyState::Open),
         })
         .collect();
     Ok(HomePage {
         studies,
         simulated: settings.population.is_simulated(),
-        access: settings.access(),
+        access: settings.access(store.has_accounts().await?),
+        bar: Bar::of(&store, &caller).await?,
     })
 }

@@ -2,11 +2,12 @@
 //!
 //! Each area owns a `router()`; this module joins them and puts the common layers around.
 
+pub mod access;
+mod accounts;
 mod api;
 pub mod assets;
 mod error;
 mod events;
-mod guard;
 mod headers;
 mod home;
 mod participant;
@@ -15,7 +16,11 @@ mod replays;
 mod results;
 mod server;
 
-use std::{net::SocketAddr, sync::Arc, time::Duration};
+use std::{
+    net::{IpAddr, SocketAddr},
+    sync::Arc,
+    time::Duration,
+};
 
 use axum::{
     Router,
@@ -34,6 +39,7 @@ use tower_http::{
 };
 
 pub use self::{
+    access::{Limits, PublicUrl},
     api::document,
     error::{ApiError, Error},
     replays::Replays,
@@ -62,6 +68,8 @@ pub struct AppState {
     pub chance: Chance,
     /// How this server was started.
     pub settings: Arc<Settings>,
+    /// How often somebody may try.
+    pub limits: Arc<Limits>,
     /// Simulated sweeps, computed when somebody asks for them.
     pub sweeps: Arc<Sweeps>,
     /// The replays that studies show.
@@ -71,18 +79,40 @@ pub struct AppState {
 }
 
 /// How a server was started, as far as pages depend on it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Settings {
-    /// Results and API may be read on any address, not on loopback alone.
+    /// While no account exists, results and API may be read on any address, not on loopback alone.
     pub open_results: bool,
     /// Whose answers this server takes and shows; where they are simulated, every page of results says so.
     pub population: Population,
+    /// Under which address others reach the server, if the operator said so.
+    pub public_url: Option<PublicUrl>,
+    /// Proxies that are believed when they say whom a request is from.
+    pub trusted_proxies: Vec<IpAddr>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            open_results: false,
+            population: Population::People,
+            public_url: None,
+            trusted_proxies: Vec::new(),
+        }
+    }
 }
 
 impl Settings {
+    /// Whether visitors come over HTTPS.
+    pub fn is_https(&self) -> bool {
+        self.public_url.as_ref().is_some_and(PublicUrl::is_https)
+    }
+
     /// Who may read results, in a sentence: on the first page and in the terminal.
-    pub fn access(&self) -> &'static str {
-        if self.open_results {
+    pub fn access(&self, has_accounts: bool) -> &'static str {
+        if has_accounts {
+            "Results need an account, the API a token; studies that were made public show their aggregates to everybody."
+        } else if self.open_results {
             "Results and API are open to everybody who can reach this server (--open-results)."
         } else {
             "Results and API are shown where the server listens on this machine alone (such as 127.0.0.1:8080), or with --open-results."
@@ -91,23 +121,24 @@ impl Settings {
 }
 
 fn router(state: AppState, address: SocketAddr) -> Router {
-    let results = Router::new()
-        .merge(results::router())
-        .merge(api::router())
-        .layer(middleware::from_fn_with_state(
-            (state.settings.clone(), address),
-            guard::results,
-        ));
+    let guard = access::Guard {
+        app: state.clone(),
+        listener: address,
+    };
     Router::new()
         .route("/healthz", get(health))
         .merge(home::router())
         .merge(participant::router())
         .merge(replays::router())
-        .merge(results)
+        .merge(accounts::router())
+        .merge(results::router())
+        .merge(api::router())
+        .merge(api::router_of_pages())
         .merge(api::description())
         .merge(assets::router())
         .fallback(|| async { Error::NotFound("page") })
         .method_not_allowed_fallback(|| async { Error::MethodNotAllowed })
+        .layer(middleware::from_fn_with_state(guard, access::guard))
         .layer(
             ServiceBuilder::new()
                 .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
@@ -117,10 +148,13 @@ fn router(state: AppState, address: SocketAddr) -> Router {
                         .on_failure(()),
                 )
                 .layer(PropagateRequestIdLayer::x_request_id())
-                .layer(middleware::from_fn(headers::set))
+                .layer(middleware::from_fn_with_state(
+                    state.settings.clone(),
+                    headers::set,
+                ))
                 .layer(CompressionLayer::new())
                 .layer(middleware::from_fn(problem::complete))
-                .layer(CsrfLayer::new().with_rejection_response(guard::cross_site))
+                .layer(CsrfLayer::new().with_rejection_response(access::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),
         )

@@ -1,6 +1,6 @@
 //! The accept loop: connections with header and body limits, and an orderly end.
 
-use std::{io, time::Duration};
+use std::{io, net::SocketAddr, time::Duration};
 
 use axum::{Router, extract::Request};
 use hyper::{body::Incoming, server::conn::http1};
@@ -12,7 +12,7 @@ use hyper_util::{
 use tokio::{net::TcpListener, sync::Semaphore};
 use tower::ServiceExt;
 
-use super::{AppState, router};
+use super::{AppState, access::PeerAddress, router};
 
 /// A client that has not sent its whole request head by then is cut off; the same bound ends idle connections.
 const HEADER_READ_TIMEOUT: Duration = Duration::from_secs(15);
@@ -44,9 +44,9 @@ pub async fn serve(
             let slot = slots.clone().acquire_owned().await;
             (slot, listener.accept().await)
         };
-        let (slot, stream) = tokio::select! {
+        let (slot, stream, peer) = tokio::select! {
             accepted = accepted => match accepted {
-                (Ok(slot), Ok((stream, _))) => (slot, stream),
+                (Ok(slot), Ok((stream, peer))) => (slot, stream, peer),
                 (Err(_), _) => break,
                 (_, Err(error)) => {
                     tracing::warn!(%error, "could not accept a connection");
@@ -60,7 +60,7 @@ pub async fn serve(
         if let Err(error) = stream.set_nodelay(true) {
             tracing::debug!(%error, "could not set TCP_NODELAY");
         }
-        let connection = connection(&app, stream);
+        let connection = connection(&app, stream, peer);
         let connection = connections.watch(connection);
         tokio::spawn(async move {
             if let Err(error) = connection.await {
@@ -82,6 +82,7 @@ pub async fn serve(
 fn connection(
     app: &Router,
     stream: tokio::net::TcpStream,
+    peer: SocketAddr,
 ) -> http1::Connection<
     TokioIo<tokio::net::TcpStream>,
     TowerToHyperService<
@@ -96,7 +97,10 @@ fn connection(
 > {
     let service = app
         .clone()
-        .map_request(|request: Request<Incoming>| request.map(axum::body::Body::new));
+        .map_request(move |mut request: Request<Incoming>| {
+            request.extensions_mut().insert(PeerAddress(peer));
+            request.map(axum::body::Body::new)
+        });
     http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(HEADER_READ_TIMEOUT)

@@ -31,10 +31,12 @@ export class Server {
     for await (const line of createInterface({ input: this.process.stdout })) {
       const found = line.match(/http:\/\/127\.0\.0\.1:(\d+)/);
       if (found) {
-        this.port = Number(found[1]);
-        this.url = found[0];
-        return;
+        this.port ??= Number(found[1]);
+        this.url ??= found[0];
       }
+      this.setupLink = line.match(/http:\S+\/setup\/\S+/)?.[0] ?? this.setupLink;
+      // The last line says who may see results.
+      if (this.url && /^ {2}Results /.test(line)) return;
     }
     throw new Error("the server ended before it printed its address");
   }

@@ -9,7 +9,7 @@ use riskaware::{
     jobs::{Catalogue, Sweeps},
     store::{AnswerKey, AnswerRow, Options, Population, Store, Token},
     study::{self, Timestamp},
-    web::{self, AppState, Replays, Settings},
+    web::{self, AppState, Limits, Replays, Settings},
 };
 use scraper::{Html, Selector};
 use tokio::{net::TcpListener, task::JoinHandle};
@@ -31,10 +31,36 @@ pub struct App {
 impl App {
     /// A server whose clock only moves when the test moves it.
     pub async fn start() -> Self {
-        Self::with(Clock::manual(START), built_in()).await
+        Self::with(Clock::manual(START), Self::built_in()).await
     }
 
     pub async fn with(clock: Clock, studies: Vec<(String, String)>) -> Self {
+        Self::started(clock, studies, Settings::default(), 60).await
+    }
+
+    /// The same where so many people may start per minute from one address.
+    pub async fn with_starts(
+        clock: Clock,
+        studies: Vec<(String, String)>,
+        starts_per_minute: u32,
+    ) -> Self {
+        Self::started(clock, studies, Settings::default(), starts_per_minute).await
+    }
+
+    pub async fn configured(
+        clock: Clock,
+        studies: Vec<(String, String)>,
+        settings: Settings,
+    ) -> Self {
+        Self::started(clock, studies, settings, 60).await
+    }
+
+    async fn started(
+        clock: Clock,
+        studies: Vec<(String, String)>,
+        settings: Settings,
+        starts_per_minute: u32,
+    ) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let database = folder.path().join("riskaware.db");
         let store = Store::open(Options::at(&database), clock.clone())
@@ -46,10 +72,8 @@ impl App {
             store: store.clone(),
             catalogue: catalogue.clone(),
             chance: Chance::from_seed(1),
-            settings: Arc::new(Settings {
-                open_results: false,
-                population: Population::People,
-            }),
+            limits: Arc::new(Limits::new(&clock, starts_per_minute)),
+            settings: Arc::new(settings),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
             replays: Arc::new(Replays::of(&catalogue)),
             stop: stop.clone(),
@@ -69,6 +93,14 @@ impl App {
             server,
             _folder: folder,
         }
+    }
+
+    /// The files of the built-in studies.
+    pub fn built_in() -> Vec<(String, String)> {
+        study::built_in()
+            .into_iter()
+            .map(|(name, text)| (name.to_owned(), text.to_owned()))
+            .collect()
     }
 
     /// Somebody who followed the study's link and pressed the button.
@@ -121,13 +153,6 @@ impl App {
         self.server.await.unwrap().unwrap();
         self.store.close().await;
     }
-}
-
-fn built_in() -> Vec<(String, String)> {
-    study::built_in()
-        .into_iter()
-        .map(|(name, text)| (name.to_owned(), text.to_owned()))
-        .collect()
 }
 
 /// An answer of the server with what a person sees in it.

@@ -7,7 +7,10 @@ use rand_chacha::ChaCha12Rng;
 use riskaware::{
     jobs::{self, Catalogue},
     store::{Change, NewArrival, NewRun, Population, Store, Submission, Token, draw_run},
-    study::{ActionId, Reply, Step, StudyId, TimeFactor, step::ClientTiming},
+    study::{
+        ActionId, Reply, Step, StudyId, TimeFactor,
+        step::{Assessment, ClientTiming},
+    },
 };
 use tokio::sync::broadcast::error::RecvError;
 use tokio_util::sync::CancellationToken;
@@ -29,12 +32,19 @@ pub async fn completes(
         ..NewArrival::default()
     };
     store.arrive(&arrival, id, new_arrival).await.unwrap();
-    let steps = draw_run(&study, &mut rng).unwrap();
-    let plans: Vec<_> = steps.iter().map(|step| step.plan.clone()).collect();
+    let candidates = draw_run(&study, &mut rng).unwrap();
+    let plans: Vec<_> = candidates[0]
+        .steps
+        .iter()
+        .map(|step| step.plan.clone())
+        .collect();
     let run = NewRun {
         study: id.clone(),
         version,
-        steps,
+        candidates,
+        quota: None,
+        time_limit_ms: None,
+        refusal: None,
         factor: TimeFactor::ONE,
         population: Population::People,
         is_preview: false,
@@ -71,6 +81,7 @@ pub async fn completes(
             reply,
             timing: ClientTiming::default(),
             consent_version,
+            assessment: Assessment::Passes,
         };
         store.submit(started.run, submission).await.unwrap();
     }

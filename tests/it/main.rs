@@ -1,13 +1,16 @@
 //! The integration tests, one module per feature.
 
+mod accounts;
 mod api;
 mod api_document;
 mod api_http;
 mod app;
 mod architecture;
+mod building_blocks;
 mod calibrate;
 mod catalogue;
 mod comparison;
+mod conditions;
 mod crash;
 mod crowd;
 mod cups;
@@ -24,5 +27,7 @@ mod results_reading;
 mod simulation;
 mod store;
 mod study;
+mod study_command;
+mod study_folder;
 mod survey;
 mod sweep;

@@ -3,6 +3,8 @@
 //! These are the server's own pages, so the reader knows their habits: attributes in double quotes, one form, text
 //! inputs, radio buttons and submit buttons. A parser for all of HTML would only slow down a load generator.
 
+use crate::study::step::ConsentStep;
+
 /// What a page asks.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Page {
@@ -16,6 +18,8 @@ pub(super) struct Page {
     pub buttons: Vec<(String, String)>,
     /// Radio buttons: name and value.
     pub options: Vec<(String, String)>,
+    /// Clauses of a consent: name and value.
+    pub clauses: Vec<(String, String)>,
     /// Whether the completion code stands on it.
     pub is_finished: bool,
 }
@@ -47,6 +51,10 @@ impl Page {
                 Some("input") => match attribute(tag, "type").as_deref() {
                     Some("hidden") => page.hidden.extend(named()),
                     Some("radio") => page.options.extend(named()),
+                    Some("checkbox") => {
+                        let is_clause = |(name, _): &(String, String)| name == ConsentStep::CLAUSE;
+                        page.clauses.extend(named().filter(is_clause));
+                    }
                     _ => {}
                 },
                 _ => {}

@@ -109,6 +109,7 @@ impl<R: Rng> Person<R> {
             // The first button is the one that goes on.
             None => fields.extend(page.buttons.into_iter().next()),
         }
+        fields.extend(page.clauses);
         let mut options = page.options;
         while let Some((name, _)) = options.first().cloned() {
             let (these, others): (Vec<_>, Vec<_>) =

@@ -24,6 +24,8 @@ fn run() -> RunFacts {
         position: 0,
         shown_at: None,
         deadline: None,
+        attempts: 0,
+        expires_at: None,
         ended_at: None,
         factor: TimeFactor::ONE,
         is_preview: false,
@@ -55,6 +57,7 @@ fn says(position: u32, reply: Reply) -> Submission {
         reply,
         timing,
         consent_version: None,
+        assessment: Assessment::Passes,
     }
 }
 
@@ -301,4 +304,100 @@ fn previews_and_timed_questions_with_extra_time_are_not_counted() {
         closed.is_counted,
         "extra time makes no difference where there is no limit"
     );
+}
+
+/// A check, a question, thanks.
+fn at_check() -> RunFacts {
+    RunFacts {
+        ahead: VecDeque::from([
+            step(StepKind::Form, "check", None),
+            step(StepKind::Choice, "untimed", None),
+            step(StepKind::Thanks, "thanks", None),
+        ]),
+        ..run()
+    }
+}
+
+fn fills(assessment: Assessment) -> Submission {
+    let values = serde_json::Map::new();
+    Submission {
+        assessment,
+        ..says(0, Reply::Filled { values })
+    }
+}
+
+fn wrong(then: AfterFailure) -> Submission {
+    fills(Assessment::Wrong {
+        last_attempt: 2,
+        then,
+    })
+}
+
+#[test]
+fn a_wrong_attempt_leaves_the_check_open_and_the_last_one_ends_the_run() {
+    let mut run = at_check();
+    let first = run
+        .submit(&wrong(AfterFailure::End), KeySeen::Never, START)
+        .unwrap();
+    assert_eq!((first.verdict, first.closed), (Verdict::Wrong, None));
+    assert_eq!(
+        (run.state, run.position, run.attempts),
+        (RunState::Active, 0, 1)
+    );
+    let last = run
+        .submit(&wrong(AfterFailure::End), KeySeen::Never, after(5))
+        .unwrap();
+    assert_eq!(last.closed.unwrap().attempts, 2);
+    assert_eq!(
+        (run.state, run.ended_at),
+        (RunState::FailedCheck, Some(after(5)))
+    );
+}
+
+#[test]
+fn a_retry_of_a_wrong_attempt_is_no_second_attempt() {
+    let mut run = at_check();
+    run.submit(&wrong(AfterFailure::End), KeySeen::Never, START)
+        .unwrap();
+    let again = run
+        .submit(&wrong(AfterFailure::End), KeySeen::SameBody, START)
+        .unwrap();
+    assert_eq!(again.verdict, Verdict::Retry);
+    assert_eq!((run.state, run.attempts), (RunState::Active, 1));
+}
+
+#[test]
+fn a_failed_check_can_go_on_and_attempts_start_anew_at_the_next_step() {
+    let mut run = at_check();
+    for _ in 0..2 {
+        run.submit(&wrong(AfterFailure::GoOn), KeySeen::Never, START)
+            .unwrap();
+    }
+    assert_eq!(
+        (run.state, run.position, run.attempts),
+        (RunState::Active, 1, 0)
+    );
+}
+
+#[test]
+fn a_check_that_is_passed_at_the_second_attempt_goes_on() {
+    let mut run = at_check();
+    run.submit(&wrong(AfterFailure::End), KeySeen::Never, START)
+        .unwrap();
+    let passed = run
+        .submit(&fills(Assessment::Passes), KeySeen::Never, START)
+        .unwrap();
+    assert_eq!(passed.closed.unwrap().attempts, 2);
+    assert_eq!((run.state, run.position), (RunState::Active, 1));
+}
+
+#[test]
+fn screening_ends_the_run_even_at_its_last_step() {
+    let mut run = at_check();
+    run.ahead.remove(1);
+    run.submit(&fills(Assessment::ScreensOut), KeySeen::Never, START)
+        .unwrap();
+    assert_eq!(run.state, RunState::ScreenedOut);
+    let more = run.submit(&says(1, Reply::Continued), KeySeen::Never, START);
+    assert_eq!(more, Err(Refusal::Over(RunState::ScreenedOut)));
 }

@@ -8,8 +8,10 @@ use super::{choices, forms, replays, rules};
 use crate::study::definition::{Block, BlockBody};
 use crate::study::document::{Document, Fault, KeyPath, did_you_mean, list};
 use crate::study::draw::THANKS_BLOCK;
-use crate::study::file::{RawConsent, RawInfo, RawStudy};
-use crate::study::step::{ConsentText, InfoText};
+use crate::study::file::{
+    RawChoices, RawClause, RawConsent, RawForm, RawInfo, RawReplays, RawStudy,
+};
+use crate::study::step::{Clause, ConsentText, InfoText};
 use crate::study::template::Scope;
 use crate::study::{Baseline, BlockId, ParseError};
 
@@ -33,12 +35,12 @@ pub(super) struct Reader<'a> {
     pub(super) design: &'a Design<'a>,
 }
 
-/// Reads every block.
+/// Reads every block. What is wrong with one hides nothing of the others.
 pub(super) fn read(
     document: &Document<'_>,
     raw: &RawStudy,
     design: &Design<'_>,
-) -> Result<Asked, ParseError> {
+) -> Result<Asked, Vec<ParseError>> {
     let reader = Reader {
         document,
         raw,
@@ -46,25 +48,56 @@ pub(super) fn read(
     };
     let list = KeyPath::root().key("block");
     let mut asked = Asked::default();
+    let mut errors = Vec::new();
     for index in 0..raw.block.len() {
         let at = list.index(index);
-        let (id, body) = reader.block(&at, &mut asked)?;
+        let (id, body) = match reader.block(&at, &mut asked) {
+            Ok(block) => block,
+            Err(error) => {
+                errors.push(error);
+                continue;
+            }
+        };
         if asked.blocks.iter().any(|block| block.id == *id) {
             let fault = at.key("id").fault(
                 format!("`{id}` for the second time"),
                 "another id for each block",
             );
-            return Err(document.refuse(&fault));
+            errors.push(document.refuse(&fault));
+            continue;
         }
         asked.blocks.push(Block {
             id: BlockId::from(id),
             body,
         });
     }
-    if asked.blocks.is_empty() {
-        return Err(document.refuse(&list.fault("no block", "one block or more")));
+    if raw.block.is_empty() {
+        errors.push(document.refuse(&list.fault("no block", "one block or more")));
     }
-    Ok(asked)
+    if errors.is_empty() {
+        Ok(asked)
+    } else {
+        Err(errors)
+    }
+}
+
+/// What is wrong with keys and values of single blocks, where the rest of the file cannot be read.
+pub(super) fn unreadable(document: &Document<'_>) -> Vec<ParseError> {
+    let list = KeyPath::root().key("block");
+    let mut errors = Vec::new();
+    for index in 0..document.length_at(&list) {
+        let at = list.index(index);
+        let error = match document.text_at(&at.key("kind")) {
+            Some("consent") => document.read_table::<RawConsent>(&at, "kind").err(),
+            Some("info") => document.read_table::<RawInfo>(&at, "kind").err(),
+            Some("replays") => document.read_table::<RawReplays>(&at, "kind").err(),
+            Some("form") => document.read_table::<RawForm>(&at, "kind").err(),
+            Some("choice") => document.read_table::<RawChoices>(&at, "kind").err(),
+            Some(_) | None => None,
+        };
+        errors.extend(error);
+    }
+    errors
 }
 
 impl Reader<'_> {
@@ -83,7 +116,8 @@ impl Reader<'_> {
             Some("info") => {
                 let raw: RawInfo = self.table(at)?;
                 let id = block_id(&raw.id, at).map_err(refuse)?;
-                Ok((id, BlockBody::Info(info(&raw, &scope, at).map_err(refuse)?)))
+                let text = self.info(&raw, &scope, at).map_err(refuse)?;
+                Ok((id, BlockBody::Info(text)))
             }
             Some("replays") => {
                 let raw = self.table(at)?;
@@ -112,6 +146,19 @@ impl Reader<'_> {
                 at.key("kind").fault("no kind of block", list(KINDS)),
             )),
         }
+    }
+
+    /// A text that only some conditions meet can use the values of their levels.
+    fn info(&self, raw: &RawInfo, scope: &Scope<'_>, at: &KeyPath) -> Result<InfoText, Fault> {
+        let levels = self.design.condition_levels(&raw.when, &at.key("when"))?;
+        let scope = self.design.scope_with(scope, &levels);
+        Ok(InfoText {
+            title: rules::filled_line(&raw.title, &scope, &at.key("title"))?,
+            text_html: rules::filled_markdown(&raw.text, &scope, &at.key("text"))?,
+            scene: scene(raw.scene.as_ref(), at)?,
+            button: rules::filled_line(&raw.button, &scope, &at.key("button"))?,
+            when: self.design.named(&levels),
+        })
     }
 
     fn table<T: DeserializeOwned>(&self, at: &KeyPath) -> Result<T, ParseError> {
@@ -149,14 +196,20 @@ fn consent(raw: &RawConsent, scope: &Scope<'_>, at: &KeyPath) -> Result<ConsentT
             scope,
             &at.key("declined_text"),
         )?,
+        clauses: clauses(&raw.clause, scope, &at.key("clause"))?,
     })
 }
 
-fn info(raw: &RawInfo, scope: &Scope<'_>, at: &KeyPath) -> Result<InfoText, Fault> {
-    Ok(InfoText {
-        title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
-        text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
-        scene: scene(raw.scene.as_ref(), at)?,
-        button: rules::filled_line(&raw.button, scope, &at.key("button"))?,
-    })
+fn clauses(raw: &[RawClause], scope: &Scope<'_>, list: &KeyPath) -> Result<Vec<Clause>, Fault> {
+    rules::distinct_ids(raw.iter().map(|clause| clause.id.as_str()), list, "clause")?;
+    raw.iter()
+        .enumerate()
+        .map(|(index, raw)| {
+            Ok(Clause {
+                id: raw.id.clone(),
+                text: rules::filled_line(&raw.text, scope, &list.index(index).key("text"))?,
+                required: raw.required,
+            })
+        })
+        .collect()
 }

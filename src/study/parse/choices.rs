@@ -51,6 +51,7 @@ pub(super) fn read(
                 text_html: rules::filled_markdown(&start.text, &scope, &at.key("text"))?,
                 scene: None,
                 button: rules::filled_line(&start.button, &scope, &at.key("button"))?,
+                when: Vec::new(),
             })
         }
         None if limit_ms.is_some() => {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::rules;
-use crate::study::definition::{Factor, Level};
+use crate::study::definition::{Assign, Factor, Level};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
 use crate::study::file::{RawFactor, RawStudy};
 use crate::study::template::{Scope, Values};
@@ -56,6 +56,7 @@ impl<'a> Design<'a> {
             factors.push(Factor {
                 id: FactorId::from(factor.id.as_str()),
                 label: factor.label.clone(),
+                assign: factor.assign,
                 levels: factor
                     .level
                     .iter()
@@ -156,6 +157,30 @@ impl<'a> Design<'a> {
             levels.0.insert(factor, self.level(factor, level, &at)?);
         }
         Ok(levels)
+    }
+
+    /// The same for what only some conditions meet: factors that differ between people.
+    pub(super) fn condition_levels(
+        &self,
+        raw: &BTreeMap<String, String>,
+        at: &KeyPath,
+    ) -> Result<Levels, Fault> {
+        let levels = self.levels(raw, at)?;
+        let within = levels
+            .0
+            .keys()
+            .map(|factor| &self.factors[*factor])
+            .find(|factor| factor.assign == Assign::Within);
+        match within {
+            Some(factor) => Err(at.key(factor.id.as_str()).fault(
+                format!(
+                    "factor `{}`, of which everybody meets all levels",
+                    factor.id
+                ),
+                "factors with `assign = \"between\"`",
+            )),
+            None => Ok(levels),
+        }
     }
 
     /// `inner` in addition to `outer`; a factor cannot be set twice.

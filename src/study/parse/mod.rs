@@ -1,16 +1,21 @@
 //! From text to a checked study.
 //!
 //! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices`,
-//! `replays` and `forms`, `cells` for what the questions amount to, `fits` for what is made of the answers,
+//! `replays`, `forms` and their `fields`, `conditions` and `recruiting` for who meets them, `endings`, `cells` for what
+//! the questions amount to, `fits` for what is made of the answers,
 //! `sequential` for when there are enough of them.
 
 mod blocks;
 mod cells;
 mod choices;
+mod conditions;
 mod design;
+mod endings;
+mod fields;
 mod fits;
 mod forms;
 mod problem;
+mod recruiting;
 mod replays;
 mod rules;
 mod sequential;
@@ -19,11 +24,11 @@ use sha2::{Digest, Sha256};
 
 use self::blocks::Asked;
 use self::design::Design;
-use super::definition::{Completion, CompletionCode, Include, RecruitingIds, RewardUnit, Study};
+use super::definition::{Endings, Include, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
-use super::file::{ActionOrder, RawCompletion, RawIds, RawInclude, RawPriors, RawStudy};
-use super::template::{Scalar, Scope, Values};
-use super::{ParseError, Priors, StudyId};
+use super::file::{ActionOrder, RawInclude, RawPriors, RawStudy};
+use super::template::{Scalar, Values};
+use super::{Bonus, FitSettings, ParseError, Priors, StudyId};
 
 /// The version of the file format that this program reads.
 const FORMAT: i64 = 1;
@@ -32,53 +37,107 @@ const FORMAT: i64 = 1;
 const LONGEST_MINUTES: u32 = 600;
 
 /// Parses a study file.
-pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
-    let document = Document::parse(file_name, text)?;
-    check_format(&document)?;
-    let raw: RawStudy = document.read()?;
-    let refuse = |fault: Fault| document.refuse(&fault);
-
-    let root = KeyPath::root();
-    check_head(&raw).map_err(refuse)?;
+///
+/// # Errors
+/// One error or more. What is wrong with one part (the head, an ending, a block, the analysis) hides nothing of the
+/// others; of each part the first error is named. Keys and values that are not of the kind that belongs there come
+/// first and hide what goes beyond one key.
+pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError>> {
+    let one = |error: ParseError| vec![error];
+    let document = Document::parse(file_name, text).map_err(one)?;
+    check_format(&document).map_err(one)?;
+    let raw: RawStudy = match document.read() {
+        Ok(raw) => raw,
+        Err(error) => return Err([vec![error], blocks::unreadable(&document)].concat()),
+    };
+    let mut errors: Vec<ParseError> = head_faults(&raw)
+        .iter()
+        .map(|fault| document.refuse(fault))
+        .collect();
     let general = general_values(&raw);
-    let design = Design::read(&raw, &general).map_err(refuse)?;
+    let design = match Design::read(&raw, &general) {
+        Ok(design) => design,
+        Err(fault) => {
+            errors.push(document.refuse(&fault));
+            errors.extend(blocks::unreadable(&document));
+            return Err(errors);
+        }
+    };
     let scope = design.scope();
-    let completion = completion(&raw.completion, &scope).map_err(refuse)?;
-
-    let Asked {
-        blocks,
-        baseline,
-        baseline_share,
+    let endings = keep(
+        endings::read(&raw.completion, &scope),
+        &document,
+        &mut errors,
+    );
+    let bonus = raw.bonus.as_ref().map(endings::bonus).transpose();
+    let bonus = keep(bonus, &document, &mut errors);
+    let asked = blocks::read(&document, &raw, &design);
+    let asked = asked.map_err(|faulty| errors.extend(faulty)).ok();
+    let fit = keep(fits::settings(&raw.fit), &document, &mut errors);
+    let parts = (endings, bonus, asked, fit);
+    let (Some(endings), Some(bonus), Some(asked), Some(fit)) = parts else {
+        return Err(errors);
+    };
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let parts = Parts {
+        endings,
+        bonus,
         asked,
-    } = blocks::read(&document, &raw, &design)?;
-    let cells = cells::collect(asked).map_err(refuse)?;
-    let reference_reward = fits::reference_reward(raw.reference_reward, &cells).map_err(refuse)?;
-    let fit = fits::settings(&raw.fit).map_err(refuse)?;
-    let plans = fits::plans(&raw.fit.plan, &design, &cells).map_err(refuse)?;
-    let sequential =
-        sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells).map_err(refuse)?;
-    let blind_until = fits::blind_until(raw.analysis.blind_until).map_err(refuse)?;
+        fit,
+    };
+    whole(text, &raw, design, parts).map_err(|fault| one(document.refuse(&fault)))
+}
+
+/// What was read part by part.
+struct Parts {
+    endings: Endings,
+    bonus: Option<Bonus>,
+    asked: Asked,
+    fit: FitSettings,
+}
+
+/// What the parts amount to.
+fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result<Study, Fault> {
+    let Parts {
+        endings,
+        bonus,
+        asked:
+            Asked {
+                blocks,
+                baseline,
+                baseline_share,
+                asked,
+            },
+        fit,
+    } = parts;
+    let cells = cells::collect(asked)?;
+    let reference_reward = fits::reference_reward(raw.reference_reward, &cells)?;
+    let plans = fits::plans(&raw.fit.plan, &design, &cells)?;
+    let sequential = sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells)?;
+    let blind_until = fits::blind_until(raw.analysis.blind_until)?;
     let hypothesis = raw.analysis.hypothesis.as_ref();
     let hypothesis = hypothesis
         .map(|raw| fits::hypothesis(raw, &fit.models))
-        .transpose()
-        .map_err(refuse)?;
-    let paper = fits::paper(&raw.paper, &design, &cells).map_err(refuse)?;
-
+        .transpose()?;
+    let paper = fits::paper(&raw.paper, &design, &cells)?;
+    let conditions = conditions::read(&design, &blocks)?;
+    let recruiting = recruiting::read(&raw.recruiting, raw.minutes, !conditions.is_empty())?;
     let factors = design.into_factors();
 
     Ok(Study {
         text: text.to_owned(),
         hash: data_encoding::HEXLOWER.encode(&Sha256::digest(text)),
-        id: StudyId::from(rules::id(&raw.id, &root.key("id")).map_err(refuse)?),
-        title: raw.title,
-        summary: raw.summary,
+        id: StudyId::from(raw.id.as_str()),
+        title: raw.title.clone(),
+        summary: raw.summary.clone(),
         minutes: raw.minutes,
-        contact: raw.contact,
+        contact: raw.contact.clone(),
         reward_unit: RewardUnit {
-            name: raw.reward_unit.name,
-            prefix: raw.reward_unit.prefix,
-            suffix: raw.reward_unit.suffix,
+            name: raw.reward_unit.name.clone(),
+            prefix: raw.reward_unit.prefix.clone(),
+            suffix: raw.reward_unit.suffix.clone(),
         },
         reference_reward,
         factors,
@@ -87,11 +146,11 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
         cells,
         baseline,
         baseline_share,
-        completion,
-        recruiting_ids: match raw.recruiting.ids {
-            RawIds::Hashed => RecruitingIds::Hashed,
-            RawIds::Plain => RecruitingIds::Plain,
-        },
+        endings,
+        bonus,
+        is_open_at_first: raw.open,
+        conditions,
+        recruiting,
         include: match raw.analysis.include {
             RawInclude::Completed => Include::Completed,
             RawInclude::All => Include::All,
@@ -103,6 +162,16 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, ParseError> {
         plans,
         paper,
     })
+}
+
+/// The value, or its fault among the errors.
+fn keep<T>(
+    read: Result<T, Fault>,
+    document: &Document<'_>,
+    errors: &mut Vec<ParseError>,
+) -> Option<T> {
+    read.map_err(|fault| errors.push(document.refuse(&fault)))
+        .ok()
 }
 
 /// Parses a file of priors alone.
@@ -121,22 +190,29 @@ fn check_format(document: &Document<'_>) -> Result<(), ParseError> {
     }
 }
 
-fn check_head(raw: &RawStudy) -> Result<(), Fault> {
+/// Everything that is wrong with the keys at the top.
+fn head_faults(raw: &RawStudy) -> Vec<Fault> {
     let root = KeyPath::root();
-    if raw.format != FORMAT {
-        return Err(root.key("format").fault(raw.format, FORMAT));
-    }
-    rules::line(&raw.title, &root.key("title"))?;
-    rules::line(&raw.summary, &root.key("summary"))?;
-    rules::line(&raw.contact, &root.key("contact"))?;
-    rules::line(&raw.reward_unit.name, &root.key("reward_unit").key("name"))?;
-    if !(1..=LONGEST_MINUTES).contains(&raw.minutes) {
-        return Err(root.key("minutes").fault(
-            raw.minutes,
-            format!("a whole number from 1 to {LONGEST_MINUTES}"),
-        ));
-    }
-    Ok(())
+    let whole = |is_fine: bool, fault: Fault| if is_fine { Ok(()) } else { Err(fault) };
+    let checks = [
+        whole(
+            raw.format == FORMAT,
+            root.key("format").fault(raw.format, FORMAT),
+        ),
+        rules::id(&raw.id, &root.key("id")).map(drop),
+        rules::line(&raw.title, &root.key("title")),
+        rules::line(&raw.summary, &root.key("summary")),
+        rules::line(&raw.contact, &root.key("contact")),
+        rules::line(&raw.reward_unit.name, &root.key("reward_unit").key("name")),
+        whole(
+            (1..=LONGEST_MINUTES).contains(&raw.minutes),
+            root.key("minutes").fault(
+                raw.minutes,
+                format!("a whole number from 1 to {LONGEST_MINUTES}"),
+            ),
+        ),
+    ];
+    checks.into_iter().filter_map(Result::err).collect()
 }
 
 /// What every text can name without defining it.
@@ -152,21 +228,4 @@ fn general_values(raw: &RawStudy) -> Values {
         ),
         ("minutes".to_owned(), Scalar::Number(f64::from(raw.minutes))),
     ])
-}
-
-fn completion(raw: &RawCompletion, scope: &Scope<'_>) -> Result<Completion, Fault> {
-    let path = KeyPath::root().key("completion");
-    let code = match &raw.code {
-        Some(code) => CompletionCode::Fixed(rules::code(code, &path.key("code"))?),
-        None => CompletionCode::PerRun,
-    };
-    if let Some(address) = &raw.redirect {
-        rules::redirect(address, &path.key("redirect"))?;
-    }
-    Ok(Completion {
-        title: rules::filled_line(&raw.title, scope, &path.key("title"))?,
-        text_html: rules::filled_markdown(&raw.text, scope, &path.key("text"))?,
-        code,
-        redirect: raw.redirect.clone(),
-    })
 }

@@ -1,5 +1,7 @@
 //! The step that asks for consent.
 
+use std::collections::BTreeMap;
+
 use super::{FieldError, Fields, Reply};
 
 /// A consent step as the study file words it.
@@ -12,6 +14,18 @@ pub(in crate::study) struct ConsentText {
     pub(in crate::study) decline: String,
     pub(in crate::study) declined_title: String,
     pub(in crate::study) declined_text_html: String,
+    pub(in crate::study) clauses: Vec<Clause>,
+}
+
+/// Something that is agreed to apart, by ticking it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Clause {
+    /// Its name in the data.
+    pub id: String,
+    /// What is agreed to.
+    pub text: String,
+    /// Whether nobody takes part without it.
+    pub required: bool,
 }
 
 impl ConsentText {
@@ -26,11 +40,13 @@ impl ConsentText {
                 title: &self.declined_title,
                 text_html: &self.declined_text_html,
             },
+            clauses: &self.clauses,
         }
     }
 }
 
-/// Asks for consent. The form's field is `consent` with the value `agree` or `decline`.
+/// Asks for consent. The form's field is `consent` with the value `agree` or `decline`; `clause` holds the ids of the
+/// clauses that are ticked.
 #[derive(Debug, Clone, Copy)]
 pub struct ConsentStep<'a> {
     /// The version of the text, stored with the answer.
@@ -45,6 +61,8 @@ pub struct ConsentStep<'a> {
     pub decline: &'a str,
     /// What a person who declined sees.
     pub declined: DeclinedPage<'a>,
+    /// What is agreed to apart; mostly nothing.
+    pub clauses: &'a [Clause],
 }
 
 /// What a person who declined sees.
@@ -63,10 +81,13 @@ impl ConsentStep<'_> {
     pub const AGREE: &'static str = "agree";
     /// The value that declines.
     pub const DECLINE: &'static str = "decline";
+    /// The form field that carries the ticked clauses.
+    pub const CLAUSE: &'static str = "clause";
 
     pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
         match fields.get(Self::FIELD).map(String::as_str) {
-            Some(Self::AGREE) => Ok(Reply::Agreed),
+            Some(Self::AGREE) if self.clauses.is_empty() => Ok(Reply::Agreed),
+            Some(Self::AGREE) => self.agreed_to(fields),
             Some(Self::DECLINE) => Ok(Reply::Declined),
             Some(_) | None => Err(vec![FieldError {
                 field: Self::FIELD.to_owned(),
@@ -76,6 +97,31 @@ impl ConsentStep<'_> {
                 ),
             }]),
         }
+    }
+
+    fn agreed_to(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+        let is_ticked = |clause: &Clause| fields.all(Self::CLAUSE).contains(&clause.id);
+        let missing: Vec<FieldError> = self
+            .clauses
+            .iter()
+            .filter(|clause| clause.required && !is_ticked(clause))
+            .map(|clause| FieldError {
+                field: format!("clause-{}", clause.id),
+                message: format!(
+                    "Nobody can take part without agreeing to this: {}",
+                    clause.text
+                ),
+            })
+            .collect();
+        if !missing.is_empty() {
+            return Err(missing);
+        }
+        let clauses: BTreeMap<String, bool> = self
+            .clauses
+            .iter()
+            .map(|clause| (clause.id.clone(), is_ticked(clause)))
+            .collect();
+        Ok(Reply::AgreedTo { clauses })
     }
 }
 
@@ -93,6 +139,7 @@ mod tests {
             title: "",
             text_html: "",
         },
+        clauses: &[],
     };
 
     fn read(value: Option<&str>) -> Result<Reply, Vec<FieldError>> {
@@ -102,6 +149,42 @@ mod tests {
                 .into_iter()
                 .collect(),
         )
+    }
+
+    fn posts(posted: &[(&str, &str)]) -> Fields {
+        posted
+            .iter()
+            .map(|(name, value)| ((*name).to_owned(), (*value).to_owned()))
+            .collect()
+    }
+
+    #[test]
+    fn agreement_needs_the_required_clauses_and_says_which_were_ticked() {
+        let clause = |id: &str, required| Clause {
+            id: id.to_owned(),
+            text: format!("text of {id}"),
+            required,
+        };
+        let clauses = [clause("adult", true), clause("archive", false)];
+        let step = ConsentStep {
+            clauses: &clauses,
+            ..STEP
+        };
+        let errors = step
+            .read(&posts(&[("consent", "agree"), ("clause", "archive")]))
+            .unwrap_err();
+        assert_eq!(errors.len(), 1);
+        assert_eq!(errors[0].field, "clause-adult");
+        let agreed = step.read(&posts(&[("consent", "agree"), ("clause", "adult")]));
+        let expected = [("adult".to_owned(), true), ("archive".to_owned(), false)];
+        assert_eq!(
+            agreed,
+            Ok(Reply::AgreedTo {
+                clauses: expected.into()
+            })
+        );
+        let declined = step.read(&posts(&[("consent", "decline")]));
+        assert_eq!(declined, Ok(Reply::Declined));
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The step that tells something.
 
+use crate::study::{FactorId, LevelId};
+
 /// An info step as the study file words it.
 #[derive(Debug, Clone)]
 pub(in crate::study) struct InfoText {
@@ -7,6 +9,8 @@ pub(in crate::study) struct InfoText {
     pub(in crate::study) text_html: String,
     pub(in crate::study) scene: Option<String>,
     pub(in crate::study) button: String,
+    /// The conditions that meet it; everybody does where it is empty.
+    pub(in crate::study) when: Vec<(FactorId, LevelId)>,
 }
 
 impl InfoText {

@@ -2,8 +2,11 @@
 //!
 //! A new kind is one variant of [`Step`] and one module here.
 
+mod assessment;
 mod choice;
 mod consent;
+mod field;
+mod fields;
 mod form;
 mod info;
 mod replays;
@@ -13,24 +16,24 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub use assessment::{AfterFailure, Assessment};
 pub use choice::{ActionView, ChoiceStep, ClientTiming, InputDevice};
 pub(super) use choice::{ChoiceQuestion, Role};
 pub(super) use consent::ConsentText;
-pub use consent::{ConsentStep, DeclinedPage};
+pub use consent::{Clause, ConsentStep, DeclinedPage};
+pub use field::{Field, FieldKind, FieldOption, LikertItem};
+pub use fields::Fields;
 pub(super) use form::FormText;
-pub use form::{Field, FieldKind, FieldOption, FormStep};
+pub use form::{Check, FormStep};
 pub use info::InfoStep;
 pub(super) use info::InfoText;
 pub(super) use replays::ReplaysText;
 pub use replays::{NamedReplay, ReplaysStep, Viewing};
 pub use thanks::ThanksStep;
 
-use super::definition::{Block, BlockBody, Study};
+use super::definition::{Block, BlockBody, Ending, Study};
 use super::draw::THANKS_BLOCK;
 use super::{ActionId, BlockId, QuestionId, ReplayId, StepKind, StepPlan};
-
-/// What a page posted: the fields of one form by name.
-pub type Fields = BTreeMap<String, String>;
 
 /// A step of a run, ready to be shown.
 #[derive(Debug, Clone)]
@@ -55,6 +58,11 @@ pub enum Step<'a> {
 pub enum Reply {
     /// Agreed to take part.
     Agreed,
+    /// Agreed to take part where the consent has clauses of its own.
+    AgreedTo {
+        /// Whether each clause was ticked, by its id.
+        clauses: BTreeMap<String, bool>,
+    },
     /// Declined to take part.
     Declined,
     /// Read an info step and went on.
@@ -74,8 +82,9 @@ pub enum Reply {
     GaveUp,
     /// Filled in a form.
     Filled {
-        /// The answers by field id, those left empty left out: whole numbers, texts, or option ids. Own words beside
-        /// the option `other` stand under the field's id with `-other` added.
+        /// The answers by field id, those left empty left out: numbers, texts, option ids, or lists of option ids. Own
+        /// words beside the option `other` stand under the field's id with `-other` added, the answers on a scale under
+        /// the ids of its items, and whether a comprehension check was passed under [`FormStep::PASSED`].
         values: serde_json::Map<String, serde_json::Value>,
     },
 }
@@ -163,7 +172,7 @@ impl Study {
         };
         if plan.kind == StepKind::Thanks && plan.block == *THANKS_BLOCK {
             return Ok(Step::Thanks(ThanksStep {
-                completion: &self.completion,
+                completion: self.ending(Ending::Completed),
             }));
         }
         let block = self

@@ -1,13 +1,13 @@
 //! The end of a run.
 
 use super::{FieldError, Reply};
-use crate::study::Completion;
+use crate::study::EndingPage;
 
 /// The last page: thanks, the completion code, and where to go next.
 #[derive(Debug, Clone, Copy)]
 pub struct ThanksStep<'a> {
     /// What it shows.
-    pub completion: &'a Completion,
+    pub completion: &'a EndingPage,
 }
 
 impl ThanksStep<'_> {

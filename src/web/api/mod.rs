@@ -19,6 +19,7 @@ use axum::{
     Router,
     extract::State,
     response::{IntoResponse, Response},
+    routing::get,
 };
 use serde::{Deserialize, Serialize};
 use tokio_util::sync::CancellationToken;
@@ -49,6 +50,16 @@ pub(super) fn router() -> Router<AppState> {
             .fallback(|| async { ApiError(Error::NotFound("address of the API")) })
             .method_not_allowed_fallback(|| async { ApiError(Error::MethodNotAllowed) }),
     )
+}
+
+/// The same documents for whoever is logged in, so that pages need no token.
+pub(super) fn router_of_pages() -> Router<AppState> {
+    Router::new()
+        .route("/results/{study}/data/fits.json", get(fits::list))
+        .route("/results/{study}/data/sweep.json", get(sweeps::share))
+        .route("/results/{study}/data/gap-sweep.json", get(sweeps::gap))
+        .route("/results/{study}/data/answers.csv", get(answers::csv))
+        .route("/results/{study}/data/answers.ndjson", get(answers::ndjson))
 }
 
 /// The description of the API, which tells nothing of any study and so is open to everybody.
@@ -184,7 +195,7 @@ async fn list(
 ) -> Result<Response, ApiError> {
     let mut studies = Vec::new();
     for study in catalogue.studies() {
-        studies.push(entry(&store, &settings, study).await?);
+        studies.push(entry(&store, &settings, &study).await?);
     }
     let of: Vec<String> = studies.iter().map(StudyEntry::version).collect();
     asked.decided_by(of.join(" "), || Ok(StudyList { studies }))

@@ -4,15 +4,16 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use axum::{
     extract::{Path, Query, State},
+    http::HeaderMap,
     response::Redirect,
 };
 
-use super::{Looking, pages::LandingPage, recruiting};
+use super::{Looking, device, pages::LandingPage, recruiting};
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{NewRun, Store, Token, draw_run},
-    study::{RecruitingIds, StudyId, TimeFactor},
+    store::{NewArrival, NewRun, Store, Token, draw_run},
+    study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor},
     web::{Error, Settings},
 };
 
@@ -25,11 +26,13 @@ pub(super) async fn arrive(
     State(catalogue): State<Arc<Catalogue>>,
     State(chance): State<Chance>,
     Path(study): Path<StudyId>,
+    headers: HeaderMap,
     Query(query): Query<BTreeMap<String, String>>,
 ) -> Result<Redirect, Error> {
     let mut arrival = recruiting::read(&query)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    match served.recruiting_ids() {
+    arrival.refusal = refusal(&store, &served, &headers);
+    match served.recruiting().ids {
         RecruitingIds::Plain => {}
         RecruitingIds::Hashed => {
             for (parameter, value) in &mut arrival.recruiting {
@@ -37,6 +40,23 @@ pub(super) async fn arrive(
             }
         }
     }
+    let token = Token::random(&mut chance.fork());
+    store.arrive(&token, &study, arrival).await?;
+    Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
+}
+
+/// POST `/studies/STUDY/preview`: the study as a participant meets it, in any of its states, without counting.
+pub(super) async fn preview(
+    State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
+    State(chance): State<Chance>,
+    Path(study): Path<StudyId>,
+) -> Result<Redirect, Error> {
+    catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let arrival = NewArrival {
+        is_preview: true,
+        ..NewArrival::default()
+    };
     let token = Token::random(&mut chance.fork());
     store.arrive(&token, &study, arrival).await?;
     Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
@@ -51,7 +71,8 @@ pub(super) async fn landing(
 ) -> Result<LandingPage, Error> {
     let token = read_token(&token)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    if store.arrival(&token).await?.study != study {
+    let arrival = store.arrival(&token).await?;
+    if arrival.study != study {
         return Err(Error::NotFound("link"));
     }
     Ok(LandingPage {
@@ -60,6 +81,7 @@ pub(super) async fn landing(
         minutes: served.minutes(),
         study: study.to_string(),
         token,
+        is_preview: arrival.is_preview,
     })
 }
 
@@ -70,19 +92,30 @@ pub(super) async fn start(
     State(chance): State<Chance>,
     State(settings): State<Arc<Settings>>,
     Path((study, token)): Path<(StudyId, String)>,
+    headers: HeaderMap,
 ) -> Result<Redirect, Error> {
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let run = NewRun {
         study: study.clone(),
         version,
-        steps: draw_run(&served, &mut chance.fork())?,
+        candidates: draw_run(&served, &mut chance.fork())?,
+        quota: served.recruiting().quota,
+        time_limit_ms: served.recruiting().time_limit_ms,
+        refusal: refusal(&store, &served, &headers),
         factor: TimeFactor::ONE,
         population: settings.population,
         is_preview: false,
     };
     let started = store.start(&arrival, run).await?;
     Ok(Redirect::to(&format!("/r/{}", started.link)))
+}
+
+/// Why nobody new may start with this browser at this moment.
+fn refusal(store: &Store, study: &Study, headers: &HeaderMap) -> Option<NotAdmitted> {
+    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    let device = device::guess(text("sec-ch-ua-mobile"), text("user-agent"));
+    study.recruiting().admit(store.clock().now(), device).err()
 }
 
 /// A text that is no token opens nothing, just as an unknown one.

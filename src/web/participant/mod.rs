@@ -1,6 +1,7 @@
 //! What a participant meets: landing, the steps of a run, withdrawal. No cookies: the link is all there is.
 
 mod arrival;
+mod device;
 mod pages;
 mod recruiting;
 mod run;
@@ -10,7 +11,7 @@ use axum::{
     Router,
     extract::FromRequestParts,
     http::{Method, request::Parts},
-    routing::get,
+    routing::{get, post},
 };
 
 use super::{AppState, Error};
@@ -23,6 +24,7 @@ pub(super) fn router() -> Router<AppState> {
             get(arrival::landing).post(arrival::start),
         )
         .route("/r/{token}", get(run::current).post(run::answer))
+        .route("/studies/{study}/preview", post(arrival::preview))
         .route(
             "/r/{token}/withdraw",
             get(withdrawal::ask).post(withdrawal::withdraw),

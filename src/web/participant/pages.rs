@@ -1,14 +1,12 @@
 //! What each participant page shows.
 
-use std::collections::BTreeMap;
-
 use crate::{
     store::{StepView, Token},
     study::{
-        Completion, ReplayId, StepPlan, Timestamp,
+        EndingPage, ReplayId, StepPlan, Timestamp,
         step::{
-            ChoiceStep, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields, FormStep,
-            InfoStep, ReplaysStep,
+            ChoiceStep, Clause, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields,
+            FormStep, InfoStep, LikertItem, ReplaysStep,
         },
     },
     web::assets,
@@ -20,6 +18,8 @@ use askama_web::WebTemplate;
 pub(super) struct RunLink<'a> {
     pub token: &'a Token,
     pub is_owner: bool,
+    /// Nothing that is done here counts.
+    pub is_preview: bool,
     pub position: u32,
     /// The idempotency key of this rendering's form.
     pub key: String,
@@ -71,6 +71,7 @@ pub(super) struct LandingPage {
     pub minutes: u32,
     pub study: String,
     pub token: Token,
+    pub is_preview: bool,
 }
 
 #[derive(Template, WebTemplate)]
@@ -78,7 +79,28 @@ pub(super) struct LandingPage {
 pub(super) struct ConsentPage<'a> {
     pub run: RunLink<'a>,
     pub text: ConsentStep<'a>,
-    pub errors: Vec<FieldError>,
+    pub rejected: Rejected,
+}
+
+impl ConsentPage<'_> {
+    fn errors(&self) -> &[FieldError] {
+        &self.rejected.errors
+    }
+
+    fn is_ticked(&self, clause: &Clause) -> bool {
+        self.rejected
+            .fields
+            .all(ConsentStep::CLAUSE)
+            .contains(&clause.id)
+    }
+
+    fn error_of(&self, clause: &Clause) -> bool {
+        let field = format!("clause-{}", clause.id);
+        self.rejected
+            .errors
+            .iter()
+            .any(|error| error.field == field)
+    }
 }
 
 #[derive(Template, WebTemplate)]
@@ -126,20 +148,30 @@ pub(super) struct FormPage<'a> {
     text: FormStep<'a>,
     fields: Vec<FieldView<'a>>,
     errors: &'a [FieldError],
+    /// What is said after a wrong attempt at a comprehension check, as HTML.
+    hint_html: Option<&'a str>,
 }
 
 impl<'a> FormPage<'a> {
-    pub(super) fn new(run: RunLink<'a>, text: FormStep<'a>, rejected: &'a Rejected) -> Self {
+    /// `attempts` were made before, all of them wrong.
+    pub(super) fn new(
+        run: RunLink<'a>,
+        text: FormStep<'a>,
+        attempts: u32,
+        rejected: &'a Rejected,
+    ) -> Self {
         let fields = text
             .fields
             .iter()
-            .map(|field| view(field, &rejected.fields, &rejected.errors))
+            .map(|field| FieldView { field, rejected })
             .collect();
+        let check = text.check.filter(|_| attempts > 0);
         Self {
             run,
             text,
             fields,
             errors: &rejected.errors,
+            hint_html: check.map(|check| check.hint_html.as_str()),
         }
     }
 }
@@ -147,58 +179,176 @@ impl<'a> FormPage<'a> {
 /// A form field with what was typed into it before.
 struct FieldView<'a> {
     field: &'a Field,
-    value: &'a str,
-    other: &'a str,
-    error: Option<&'a str>,
+    rejected: &'a Rejected,
 }
 
 impl FieldView<'_> {
     fn options(&self) -> &[FieldOption] {
-        match &self.field.kind {
-            FieldKind::Choice { options, .. } => options,
-            FieldKind::Integer { .. } | FieldKind::Text { .. } => &[],
+        self.field.options()
+    }
+
+    fn has_options(&self) -> bool {
+        matches!(
+            self.field.kind,
+            FieldKind::Choice { .. } | FieldKind::Choices { .. }
+        )
+    }
+
+    /// The kind of button beside each option.
+    fn button(&self) -> &'static str {
+        match self.field.kind {
+            FieldKind::Choices { .. } => "checkbox",
+            FieldKind::Choice { .. }
+            | FieldKind::Likert { .. }
+            | FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Text { .. }
+            | FieldKind::LongText { .. } => "radio",
         }
+    }
+
+    fn is_chosen(&self, option: &str) -> bool {
+        let posted = self.rejected.fields.all(&self.field.id);
+        posted.iter().any(|posted| posted == option)
     }
 
     fn takes_other(&self) -> bool {
+        matches!(self.field.kind, FieldKind::Choice { other: true, .. })
+    }
+
+    fn value(&self) -> &str {
+        typed(self.rejected, &self.field.id)
+    }
+
+    fn other(&self) -> &str {
+        typed(self.rejected, &self.field.other_name())
+    }
+
+    fn error(&self) -> Option<&str> {
+        error_of(self.rejected, &self.field.id)
+    }
+
+    /// The keys that phones show for it.
+    fn keys(&self) -> Option<&'static str> {
         match self.field.kind {
-            FieldKind::Choice { other, .. } => other,
-            FieldKind::Integer { .. } | FieldKind::Text { .. } => false,
+            FieldKind::Integer { .. } => Some("numeric"),
+            FieldKind::Number { .. } => Some("decimal"),
+            FieldKind::Text { .. }
+            | FieldKind::LongText { .. }
+            | FieldKind::Choice { .. }
+            | FieldKind::Choices { .. }
+            | FieldKind::Likert { .. } => None,
         }
     }
 
-    /// Phones show their number keys for it.
-    fn is_number(&self) -> bool {
-        matches!(self.field.kind, FieldKind::Integer { .. })
+    fn is_long(&self) -> bool {
+        matches!(self.field.kind, FieldKind::LongText { .. })
     }
 
     fn max_length(&self) -> usize {
         match self.field.kind {
-            FieldKind::Integer { .. } => 20,
-            FieldKind::Text { max_length } => max_length,
-            FieldKind::Choice { .. } => Field::OTHER_MAX_LENGTH,
+            FieldKind::Integer { .. } | FieldKind::Number { .. } => 20,
+            FieldKind::Text { max_length } | FieldKind::LongText { max_length } => max_length,
+            FieldKind::Choice { .. } | FieldKind::Choices { .. } | FieldKind::Likert { .. } => {
+                Field::OTHER_MAX_LENGTH
+            }
         }
     }
+
+    fn points(&self) -> &[String] {
+        match &self.field.kind {
+            FieldKind::Likert { points, .. } => points,
+            FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Text { .. }
+            | FieldKind::LongText { .. }
+            | FieldKind::Choice { .. }
+            | FieldKind::Choices { .. } => &[],
+        }
+    }
+
+    fn items(&self) -> &[LikertItem] {
+        match &self.field.kind {
+            FieldKind::Likert { items, .. } => items,
+            FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Text { .. }
+            | FieldKind::LongText { .. }
+            | FieldKind::Choice { .. }
+            | FieldKind::Choices { .. } => &[],
+        }
+    }
+
+    fn error_of(&self, item: &LikertItem) -> Option<&str> {
+        error_of(self.rejected, &item.id)
+    }
+
+    fn is_point(&self, item: &LikertItem, point: &usize) -> bool {
+        typed(self.rejected, &item.id) == point.to_string()
+    }
+}
+
+fn typed<'a>(rejected: &'a Rejected, name: &str) -> &'a str {
+    rejected.fields.get(name).map_or("", String::as_str)
+}
+
+fn error_of<'a>(rejected: &'a Rejected, field: &str) -> Option<&'a str> {
+    let mut errors = rejected.errors.iter();
+    errors
+        .find(|error| error.field == field)
+        .map(|error| error.message.as_str())
 }
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/thanks.html")]
 pub(super) struct ThanksPage<'a> {
     pub token: &'a Token,
-    pub completion: &'a Completion,
+    pub ending: &'a EndingPage,
     pub outcome: Outcome,
+    pub is_preview: bool,
+    /// How to withdraw later, for the link that may.
+    pub withdrawal: Option<LaterWithdrawal>,
+}
+
+/// Where and until when somebody who has finished can withdraw.
+pub(super) struct LaterWithdrawal {
+    /// The address to keep.
+    pub address: String,
+    /// The last day, where the study names one.
+    pub until: Option<String>,
 }
 
 /// What the last page tells about the run.
 pub(super) enum Outcome {
     /// To the link that finished it.
     Finished {
-        code: String,
+        code: Option<String>,
         redirect: Option<String>,
         stored: u32,
+        bonus: Option<BonusText>,
     },
     /// To another link of the same person.
     AlreadyTaken,
+}
+
+/// The bonus in words.
+pub(super) struct BonusText {
+    /// With its currency.
+    pub amount: String,
+    /// The choice that it comes from; none where there was none to draw.
+    pub choice: Option<PaidChoiceText>,
+}
+
+/// The choice that a bonus comes from, in words.
+pub(super) struct PaidChoiceText {
+    /// The heading of the question.
+    pub question: String,
+    /// Which question of its block it was, such as `2 of 5`.
+    pub place: String,
+    /// What was chosen.
+    pub action: String,
+    /// The reward that came out, with its unit.
+    pub reward: String,
 }
 
 #[derive(Template, WebTemplate)]
@@ -212,23 +362,6 @@ pub(super) struct NotePage {
 #[template(path = "participant/withdraw.html")]
 pub(super) struct WithdrawPage {
     pub token: Token,
-}
-
-fn view<'a>(
-    field: &'a Field,
-    typed: &'a BTreeMap<String, String>,
-    errors: &'a [FieldError],
-) -> FieldView<'a> {
-    let typed = |name: &str| typed.get(name).map_or("", String::as_str);
-    FieldView {
-        value: typed(&field.id),
-        other: typed(&field.other_name()),
-        error: errors
-            .iter()
-            .find(|error| error.field == field.id)
-            .map(|error| error.message.as_str()),
-        field,
-    }
 }
 
 /// A drawn scene, to stand inside the page.

@@ -15,20 +15,23 @@ use super::{
     Looking,
     arrival::read_token,
     pages::{
-        ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, Outcome, PageClock, Rejected,
-        ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
+        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
+        PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
     },
-    withdrawal::withdrawn,
+    withdrawal::{gone, withdrawn},
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
+    store::{
+        self, PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission,
+        Token, Verdict,
+    },
     study::{
-        CompletionCode, Step, Study,
+        CompletionCode, Ending, Step, StepPlan, Study, Timestamp,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
-    web::{AppState, Error, Replays, replays},
+    web::{AppState, Error, Replays, Settings, replays},
 };
 
 /// GET `/r/TOKEN`: the page that this person is at.
@@ -38,7 +41,10 @@ pub(super) async fn current(
     Path(token): Path<String>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = pages.store.visit(&token).await?;
+    let run = match pages.store.visit(&token).await {
+        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        found => found?,
+    };
     pages.page(&token, &run, Rejected::default()).await
 }
 
@@ -52,7 +58,7 @@ pub(super) async fn answer(
     let token = read_token(&token)?;
     let Form(fields) = form.map_err(unreadable)?;
     let run = pages.store.run(&token).await?;
-    if run.state == RunState::Withdrawn {
+    if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
     let position = field(&fields, "step")?
@@ -86,6 +92,7 @@ pub(super) async fn answer(
         | Verdict::Late
         | Verdict::TimedOut
         | Verdict::Skipped
+        | Verdict::Wrong
         | Verdict::Early
         | Verdict::Retry => StatusCode::OK,
     };
@@ -157,6 +164,7 @@ pub(super) struct RunPages {
     catalogue: Arc<Catalogue>,
     chance: Chance,
     replays: Arc<Replays>,
+    settings: Arc<Settings>,
 }
 
 impl axum::extract::FromRef<AppState> for RunPages {
@@ -166,6 +174,7 @@ impl axum::extract::FromRef<AppState> for RunPages {
             catalogue: state.catalogue.clone(),
             chance: state.chance.clone(),
             replays: state.replays.clone(),
+            settings: state.settings.clone(),
         }
     }
 }
@@ -198,6 +207,7 @@ impl RunPages {
         Ok(step.read(fields).map(|reply| Submission {
             position,
             key,
+            assessment: step.assess(&reply),
             reply,
             timing: ClientTiming::read(fields),
             consent_version,
@@ -276,13 +286,16 @@ impl RunPages {
         match (run.state, step) {
             (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
             (RunState::Declined, _) => declined(&study),
+            (RunState::ScreenedOut, _) => self.ended(token, run, &study, Ending::ScreenedOut).await,
+            (RunState::FailedCheck, _) => self.ended(token, run, &study, Ending::FailedCheck).await,
+            (RunState::TimedOut, _) => self.ended(token, run, &study, Ending::TimedOut).await,
             (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
-                self.thanks(token, run, &study).await
+                self.ended(token, run, &study, Ending::Completed).await
             }
             (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
                 run: self.link(token, run, shown),
                 text,
-                errors: rejected.errors,
+                rejected,
             }
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
@@ -308,7 +321,8 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Form(text)) => {
-                Ok(FormPage::new(self.link(token, run, shown), text, &rejected).into_response())
+                let link = self.link(token, run, shown);
+                Ok(FormPage::new(link, text, shown.attempts, &rejected).into_response())
             }
         }
     }
@@ -318,45 +332,120 @@ impl RunPages {
         RunLink {
             token,
             is_owner: run.is_owner,
+            is_preview: run.is_preview,
             position: shown.position,
             key: HEXLOWER.encode(&self.chance.bytes()[..16]),
             plan: &shown.plan,
         }
     }
 
-    /// The code is shown only after the stored answers were counted, and only to the links on which the run was
-    /// started or finished.
-    async fn thanks(&self, token: &Token, run: &RunView, study: &Study) -> Result<Response, Error> {
-        let completion = study.completion();
+    /// The address under which a run can be withdrawn later, in full where the server knows its own.
+    fn withdrawal_address(&self, token: &Token) -> String {
+        let path = format!("/r/{token}/withdraw");
+        match &self.settings.public_url {
+            Some(url) => format!("{}{path}", url.to_string().trim_end_matches('/')),
+            None => path,
+        }
+    }
+
+    /// The page of a run that has ended. Its code is shown only after the stored answers were counted, and only to the
+    /// links on which the run was started or finished; so is its bonus.
+    async fn ended(
+        &self,
+        token: &Token,
+        run: &RunView,
+        study: &Study,
+        ending: Ending,
+    ) -> Result<Response, Error> {
+        let page = study.ending(ending);
         let stored = self.store.stored_count(run.run).await?;
-        if !stored.is_complete() {
+        // A run whose time was over may have ended before its first answer.
+        let ended_before_all = ending == Ending::TimedOut && stored.is_empty();
+        if !(stored.is_complete() || ended_before_all) {
             return Err(Error::Internal(anyhow::anyhow!(
-                "run {} is complete but has {} answers for {} steps",
+                "run {} has ended but has {} answers for {} steps",
                 run.run,
                 stored.answers,
                 stored.steps
             )));
         }
         let outcome = if run.shows_code {
-            let code = match &completion.code {
-                CompletionCode::Fixed(code) => code.clone(),
-                CompletionCode::PerRun => self.store.completion_code(run.run),
+            let code = match &page.code {
+                CompletionCode::Fixed(code) => Some(code.clone()),
+                CompletionCode::PerRun => Some(self.store.completion_code(run.run)),
+                CompletionCode::Absent => None,
             };
             Outcome::Finished {
-                redirect: completion.redirect_url(&code),
+                redirect: page.redirect_url(code.as_deref().unwrap_or_default()),
                 code,
                 stored: stored.answers,
+                bonus: self.bonus(run, study).await?,
             }
         } else {
             Outcome::AlreadyTaken
         };
         Ok(ThanksPage {
             token,
-            completion,
+            ending: page,
             outcome,
+            is_preview: run.is_preview,
+            withdrawal: run.is_owner.then(|| LaterWithdrawal {
+                address: self.withdrawal_address(token),
+                until: study.recruiting().retention.map(last_day),
+            }),
         }
         .into_response())
     }
+
+    /// What is paid beside the fee, and which choice it comes from.
+    async fn bonus(&self, run: &RunView, study: &Study) -> Result<Option<BonusText>, Error> {
+        let Some(terms) = study.bonus() else {
+            return Ok(None);
+        };
+        let Some(bonus) = self.store.bonus(run.run).await? else {
+            return Ok(None);
+        };
+        let choice = match &bonus.choice {
+            Some(choice) => {
+                let plan = self.store.step(run.run, choice.position).await?;
+                paid_choice(study, &plan, choice)?
+            }
+            None => None,
+        };
+        Ok(Some(BonusText {
+            amount: terms.format(bonus.amount),
+            choice,
+        }))
+    }
+}
+
+fn paid_choice(
+    study: &Study,
+    plan: &StepPlan,
+    paid: &PaidChoice,
+) -> Result<Option<PaidChoiceText>, Error> {
+    let Step::Choice(question) = study.step(plan)? else {
+        return Ok(None);
+    };
+    let action = question
+        .actions
+        .iter()
+        .find(|action| action.id == *paid.action)
+        .map_or_else(|| paid.action.clone(), |action| action.label.clone());
+    Ok(Some(PaidChoiceText {
+        question: question.title.to_owned(),
+        place: format!("{} of {}", question.number, question.of),
+        action,
+        reward: study.reward_unit().format(paid.reward),
+    }))
+}
+
+/// The day that ends when the retention time does.
+fn last_day(retention: Timestamp) -> String {
+    jiff::Timestamp::from_millisecond(retention.0 - 1).map_or_else(
+        |_| format!("{} ms after 1970", retention.0),
+        |moment| moment.strftime("%-d %B %Y").to_string(),
+    )
 }
 
 /// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.

@@ -2,6 +2,7 @@
 
 use axum::{
     extract::{Path, State},
+    http::StatusCode,
     response::{IntoResponse, Redirect, Response},
 };
 
@@ -10,7 +11,7 @@ use super::{
     pages::{NotePage, WithdrawPage},
 };
 use crate::{
-    store::{RunState, Store},
+    store::{self, RunState, Store},
     web::Error,
 };
 
@@ -20,15 +21,21 @@ pub(super) async fn ask(
     Path(token): Path<String>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = store.run(&token).await?;
+    let run = match store.run(&token).await {
+        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        found => found?,
+    };
     if !run.is_owner {
         return Err(not_the_owner());
     }
     Ok(match run.state {
         RunState::Withdrawn => withdrawn().into_response(),
-        RunState::Active | RunState::Completed | RunState::Declined => {
-            WithdrawPage { token }.into_response()
-        }
+        RunState::Active
+        | RunState::Completed
+        | RunState::Declined
+        | RunState::ScreenedOut
+        | RunState::FailedCheck
+        | RunState::TimedOut => WithdrawPage { token }.into_response(),
     })
 }
 
@@ -36,13 +43,17 @@ pub(super) async fn ask(
 pub(super) async fn withdraw(
     State(store): State<Store>,
     Path(token): Path<String>,
-) -> Result<Redirect, Error> {
+) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    if !store.run(&token).await?.is_owner {
+    let run = match store.run(&token).await {
+        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        found => found?,
+    };
+    if !run.is_owner {
         return Err(not_the_owner());
     }
     store.withdraw(&token).await?;
-    Ok(Redirect::to(&format!("/r/{token}")))
+    Ok(Redirect::to(&format!("/r/{token}")).into_response())
 }
 
 /// What is left to show of an erased run.
@@ -52,6 +63,18 @@ pub(super) fn withdrawn() -> NotePage {
         text_html: "<p>Nothing that you answered is stored any more. You can close this page.</p>"
             .to_owned(),
     }
+}
+
+/// What an unknown link is told, because it may have been a good one once.
+pub(super) fn gone() -> Response {
+    let page = NotePage {
+        title: "This link opens nothing".to_owned(),
+        text_html: "<p>Perhaps a part of the link is missing. Or the time in which this study could be withdrawn is \
+            over: then its links and the ids of recruiting platforms are erased, so that nobody can tell any more which \
+            answers were whose, and they can no longer be taken out.</p>"
+            .to_owned(),
+    };
+    (StatusCode::NOT_FOUND, page).into_response()
 }
 
 fn not_the_owner() -> Error {

@@ -4,7 +4,7 @@ mod words;
 
 use std::{
     collections::HashMap,
-    sync::{Arc, OnceLock},
+    sync::{Arc, OnceLock, PoisonError, RwLock},
 };
 
 use axum::{
@@ -24,7 +24,7 @@ use crate::{
         BOTTOM_RADIUS, CUP_HEIGHT, FRAME_MS, MOUTH_RADIUS, PROJECTION, Projection, Replay,
         ReplayError, SHOULDER, Tracks,
     },
-    study::ReplayId,
+    study::{ReplayId, Study},
 };
 use words::Caption;
 
@@ -49,7 +49,7 @@ pub(super) struct Played {
 
 /// The replays that served studies show, and no others: each is computed once, when it is first needed.
 #[derive(Debug)]
-pub struct Replays(HashMap<ReplayId, Slot>);
+pub struct Replays(RwLock<HashMap<ReplayId, Arc<Slot>>>);
 
 #[derive(Debug)]
 struct Slot {
@@ -60,16 +60,36 @@ struct Slot {
 impl Replays {
     /// The replays of all versions of all studies, none of them computed yet.
     pub fn of(catalogue: &Catalogue) -> Self {
-        let slot = |replay| Slot {
-            replay,
-            played: OnceLock::new(),
-        };
         let named = catalogue.replays();
-        Self(
+        Self(RwLock::new(
             named
-                .map(|named| (named.id.clone(), slot(named.replay)))
+                .into_iter()
+                .map(|named| (named.id, Slot::new(named.replay)))
                 .collect(),
-        )
+        ))
+    }
+
+    /// Computes those of a version that is about to be served.
+    ///
+    /// # Errors
+    /// The first replay that cannot be made; none is served then.
+    pub fn add(&self, study: &Study) -> Result<(), (ReplayId, ReplayError)> {
+        let mut added = Vec::new();
+        for named in study.replays() {
+            if self.slot(&named.id).is_none() {
+                let slot = Slot::new(named.replay);
+                slot.played().map_err(|error| (named.id.clone(), error))?;
+                added.push((named.id.clone(), slot));
+            }
+        }
+        let mut slots = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        slots.extend(added);
+        Ok(())
+    }
+
+    fn slot(&self, id: &ReplayId) -> Option<Arc<Slot>> {
+        let slots = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        slots.get(id).cloned()
     }
 
     /// Computes all of them, which takes some hundredths of a second each.
@@ -77,29 +97,34 @@ impl Replays {
     /// # Errors
     /// The first replay that cannot be made, so that nobody meets it in the middle of a run.
     pub fn compute(&self) -> Result<(), (ReplayId, ReplayError)> {
-        for (id, slot) in &self.0 {
+        let slots = self.0.read().unwrap_or_else(PoisonError::into_inner);
+        for (id, slot) in slots.iter() {
             slot.played().map_err(|error| (id.clone(), error))?;
         }
         Ok(())
     }
 
     /// A replay's document and what the page around it needs.
-    pub(super) async fn played(self: &Arc<Self>, id: &ReplayId) -> Result<Arc<Played>, Error> {
-        let slot = self.0.get(id).ok_or(Error::NotFound("replay"))?;
+    pub(super) async fn played(&self, id: &ReplayId) -> Result<Arc<Played>, Error> {
+        let slot = self.slot(id).ok_or(Error::NotFound("replay"))?;
         let played = match slot.played.get() {
             Some(played) => played.clone(),
-            None => {
-                let (replays, id) = (self.clone(), id.clone());
-                tokio::task::spawn_blocking(move || replays.0[&id].played())
-                    .await
-                    .map_err(|panicked| Error::Internal(panicked.into()))?
-            }
+            None => tokio::task::spawn_blocking(move || slot.played())
+                .await
+                .map_err(|panicked| Error::Internal(panicked.into()))?,
         };
         played.map_err(|error| Error::Internal(error.into()))
     }
 }
 
 impl Slot {
+    fn new(replay: Replay) -> Arc<Self> {
+        Arc::new(Self {
+            replay,
+            played: OnceLock::new(),
+        })
+    }
+
     fn played(&self) -> Result<Arc<Played>, ReplayError> {
         let compute = || Played::of(self.replay).map(Arc::new);
         self.played.get_or_init(compute).clone()

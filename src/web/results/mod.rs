@@ -20,7 +20,7 @@ mod verdict;
 use std::sync::Arc;
 
 use axum::{
-    Json, Router,
+    Extension, Json, Router,
     extract::{Path, Query, State, rejection::QueryRejection},
     response::{IntoResponse, Response},
     routing::get,
@@ -40,7 +40,12 @@ pub(super) use self::{
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
-use super::{ApiError, AppState, Error, Settings, events};
+use super::{
+    ApiError, AppState, Error, Settings,
+    access::{Caller, Need},
+    accounts::Bar,
+    events,
+};
 use crate::{
     inference::sweep::DEFAULT_ANSWERS,
     jobs::{Catalogue, Snapshot, Sweeps},
@@ -167,19 +172,23 @@ type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings>>);
 
 async fn results(
     (State(store), State(catalogue), State(settings)): Parts,
+    Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, Error> {
     let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let bar = Bar::of_study(&store, &caller, &study).await?;
     if let Some(blind) = snapshot.blind() {
-        return Ok(page::BlindPage::new(&snapshot, blind).into_response());
+        return Ok(page::BlindPage::new(&snapshot, blind, bar).into_response());
     }
     let attention = page::attention(&store, &snapshot).await?;
-    Ok(page::ResultsPage::new(&snapshot, attention).into_response())
+    let shows_data = caller.may(Need::Data);
+    Ok(page::ResultsPage::new(&snapshot, attention, bar, shows_data).into_response())
 }
 
 async fn sweep(
     (State(store), State(catalogue), State(settings)): Parts,
     State(sweeps): State<Arc<Sweeps>>,
+    Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
     query: Result<Query<PageQuery>, QueryRejection>,
 ) -> Result<Response, Error> {
@@ -205,7 +214,8 @@ async fn sweep(
     let share = share.answer(&snapshot.study, state)?;
     let state = sweeps.ask(&gap.input);
     let gap = gap.answer(&snapshot.study, state)?;
-    Ok(SweepPage::new(&snapshot, &query, n, &share, &gap).into_response())
+    let bar = Bar::of(&store, &caller).await?;
+    Ok(SweepPage::new(&snapshot, &query, n, &share, &gap, bar).into_response())
 }
 
 async fn summary(

@@ -16,7 +16,10 @@ use crate::{
     model::model_named,
     store::{Error, Store},
     study::PaperFigure,
-    web::assets,
+    web::{
+        accounts::{Bar, Who},
+        assets,
+    },
 };
 
 /// Rows of a curve's table.
@@ -25,6 +28,9 @@ const CURVE_ROWS: usize = 11;
 #[derive(Template, WebTemplate)]
 #[template(path = "results/study.html")]
 pub(super) struct ResultsPage {
+    bar: Bar,
+    /// Whether this reader may see what each person answered.
+    shows_data: bool,
     study: String,
     title: String,
     simulated: bool,
@@ -83,6 +89,7 @@ struct Checks {
 #[derive(Template, WebTemplate)]
 #[template(path = "results/blind.html")]
 pub(super) struct BlindPage {
+    bar: Bar,
     study: String,
     title: String,
     simulated: bool,
@@ -92,7 +99,7 @@ pub(super) struct BlindPage {
 }
 
 impl BlindPage {
-    pub(super) fn new(snapshot: &Snapshot, blind: Blind) -> Self {
+    pub(super) fn new(snapshot: &Snapshot, blind: Blind, bar: Bar) -> Self {
         let Summary {
             study,
             simulated,
@@ -101,6 +108,7 @@ impl BlindPage {
             ..
         } = Summary::new(snapshot);
         Self {
+            bar,
             study: study.id,
             title: study.title,
             simulated,
@@ -119,7 +127,12 @@ pub(super) struct Attention {
 }
 
 impl ResultsPage {
-    pub(super) fn new(snapshot: &Snapshot, attention: Vec<Attention>) -> Self {
+    pub(super) fn new(
+        snapshot: &Snapshot,
+        attention: Vec<Attention>,
+        bar: Bar,
+        shows_data: bool,
+    ) -> Self {
         let summary = Summary::new(snapshot);
         let accuracy = Accuracy::new(snapshot, snapshot.finest_plan());
         let reading = Reading::new(snapshot);
@@ -128,6 +141,8 @@ impl ResultsPage {
         let curves = Curves::new(snapshot, Some(curve_plan), None);
         let (people, answers) = (&summary.people, &summary.answers);
         Self {
+            bar,
+            shows_data,
             study: summary.study.id.clone(),
             title: summary.study.title.clone(),
             simulated: summary.simulated,
@@ -495,6 +510,11 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
                 &item.field,
             )
             .await?;
+        // As the database writes what it stores: a text as it is, the rest as JSON.
+        let expected = item
+            .expected
+            .as_str()
+            .map_or_else(|| item.expected.to_string(), str::to_owned);
         let n = given
             .iter()
             .filter(|answer| answer.value.is_some())
@@ -502,7 +522,7 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
             .sum();
         let as_asked = given
             .iter()
-            .filter(|answer| answer.value.as_deref() == Some(&item.expected))
+            .filter(|answer| answer.value.as_deref() == Some(expected.as_str()))
             .map(|answer| answer.n)
             .sum();
         found.push(Attention {

@@ -13,12 +13,16 @@ use crate::{
     jobs::{Snapshot, SweepResult, swept_problems},
     model::{NOISY_RATIONAL, OrderedMap, RISK_AWARE},
     study::RewardUnit,
-    web::assets,
+    web::{
+        accounts::{Bar, Who},
+        assets,
+    },
 };
 
 #[derive(Template, WebTemplate)]
 #[template(path = "results/sweep.html")]
 pub(super) struct SweepPage {
+    bar: Bar,
     study: String,
     title: String,
     simulated: bool,
@@ -68,6 +72,7 @@ impl SweepPage {
         n: u64,
         share: &Sweep,
         gap: &Sweep,
+        bar: Bar,
     ) -> Self {
         let study = &snapshot.study;
         let unit = study.reward_unit();
@@ -86,6 +91,7 @@ impl SweepPage {
         let is_running = |sweep: &Sweep| matches!(sweep.outcome, Outcome::Running { .. });
         let cells = swept_problems(study).into_iter().enumerate();
         Self {
+            bar,
             study: study.id().to_string(),
             title: study.title().to_owned(),
             simulated: snapshot.population.is_simulated(),

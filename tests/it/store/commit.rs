@@ -3,12 +3,12 @@
 use std::time::Duration;
 
 use riskaware::clock::Clock;
-use riskaware::store::{Error, NewArrival, NewRun, Options, Store, Token, Verdict};
+use riskaware::store::{Error, NewArrival, NewRun, Options, Store, StudyState, Token, Verdict};
 use riskaware::study::{Reply, StudyId, Timestamp};
 use tempfile::TempDir;
 use tokio::task::JoinSet;
 
-use super::lab::{CONSENT, Lab, START_PAGE, choice, form, steps};
+use super::lab::{CONSENT, Lab, START_PAGE, choice, form};
 
 #[tokio::test]
 async fn many_answers_share_few_commits() {
@@ -150,7 +150,10 @@ async fn a_full_queue_says_busy_and_what_was_accepted_is_stored() {
     };
     let store = Store::open(options, Clock::start()).await.unwrap();
     let driving = StudyId::from("driving");
-    store.publish(&driving, "hash", "text").await.unwrap();
+    store
+        .publish(&driving, "hash", "text", StudyState::Open)
+        .await
+        .unwrap();
     let mut rng = <rand_chacha::ChaCha12Rng as rand::SeedableRng>::seed_from_u64(1);
     let tokens: Vec<Token> = (0..64).map(|_| Token::random(&mut rng)).collect();
     let mut jobs = JoinSet::new();
@@ -240,7 +243,6 @@ async fn listeners_hear_of_each_change_after_its_commit() {
     lab.store.visit(&person.link).await.unwrap();
     let preview = NewRun {
         is_preview: true,
-        steps: steps(),
         ..lab.new_run("driving")
     };
     lab.start_as("driving", preview).await;

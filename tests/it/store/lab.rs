@@ -6,10 +6,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::clock::Clock;
 use riskaware::store::{
-    AnswerStatus, AskedProblem, CellCount, DrawnStep, Error, NewArrival, NewRun, Options,
-    Population, RunId, Started, Store, Submission, Submitted, Token, Verdict, VersionId,
+    AnswerStatus, AskedProblem, CandidateRun, CellCount, DrawnStep, Error, NewArrival, NewRun,
+    Options, Population, RunId, Started, Store, StudyState, Submission, Submitted, Token, Verdict,
+    VersionId,
 };
-use riskaware::study::step::ClientTiming;
+use riskaware::study::step::{Assessment, ClientTiming};
 use riskaware::study::{
     ActionId, BlockId, QuestionId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor,
     Timestamp,
@@ -58,11 +59,17 @@ impl Lab {
                 &StudyId::from("driving"),
                 "hash of driving",
                 "id = 'driving'",
+                StudyState::Open,
             )
             .await
             .unwrap();
         let cups = store
-            .publish(&StudyId::from("cups"), "hash of cups", "id = 'cups'")
+            .publish(
+                &StudyId::from("cups"),
+                "hash of cups",
+                "id = 'cups'",
+                StudyState::Open,
+            )
             .await
             .unwrap();
         Self {
@@ -112,7 +119,13 @@ impl Lab {
         NewRun {
             study: StudyId::from(study),
             version: self.version(study),
-            steps: steps(),
+            candidates: vec![CandidateRun {
+                condition: None,
+                steps: steps(),
+            }],
+            quota: None,
+            time_limit_ms: None,
+            refusal: None,
             factor: TimeFactor::ONE,
             population: Population::People,
             is_preview: false,
@@ -241,6 +254,7 @@ pub fn form(position: u32, key: &str, reply: Reply) -> Submission {
         reply,
         timing: ClientTiming::default(),
         consent_version,
+        assessment: Assessment::Passes,
     }
 }
 

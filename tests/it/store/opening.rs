@@ -1,7 +1,7 @@
 //! Which databases are accepted.
 
 use riskaware::clock::Clock;
-use riskaware::store::{OpenError, Options, Store};
+use riskaware::store::{OpenError, Options, Store, StudyState};
 use riskaware::study::StudyId;
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
@@ -116,14 +116,24 @@ async fn publishing_the_same_text_again_changes_nothing() {
     let mut changes = lab.store.subscribe();
     let same = lab
         .store
-        .publish(&driving, "hash of driving", "id = 'driving'")
+        .publish(
+            &driving,
+            "hash of driving",
+            "id = 'driving'",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_eq!(same, lab.driving);
     assert!(changes.try_recv().is_err());
     let newer = lab
         .store
-        .publish(&driving, "another hash", "id = 'driving' # changed")
+        .publish(
+            &driving,
+            "another hash",
+            "id = 'driving' # changed",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_ne!(newer, lab.driving);
@@ -150,11 +160,71 @@ async fn publishing_the_same_text_again_changes_nothing() {
     );
     let back = lab
         .store
-        .publish(&driving, "hash of driving", "id = 'driving'")
+        .publish(
+            &driving,
+            "hash of driving",
+            "id = 'driving'",
+            StudyState::Open,
+        )
         .await
         .unwrap();
     assert_eq!(
         back, lab.driving,
         "a text that was served before is the version that it was"
     );
+}
+
+#[tokio::test]
+async fn a_command_writes_beside_a_server_which_sees_it() {
+    let lab = Lab::open().await;
+    let beside = Store::open_beside(lab.path(), lab.clock.clone())
+        .await
+        .unwrap();
+    let driving = StudyId::from("driving");
+    beside
+        .set_study_state(&driving, StudyState::Paused)
+        .await
+        .unwrap();
+    let seen = lab.store.study(&driving).await.unwrap();
+    assert_eq!(seen.state, StudyState::Paused);
+    // And the other way round, while both are open.
+    lab.store
+        .set_study_state(&driving, StudyState::Open)
+        .await
+        .unwrap();
+    let seen = beside.study(&driving).await.unwrap();
+    assert_eq!(seen.state, StudyState::Open);
+    beside.close().await;
+    assert!(lab.store.is_taking_answers());
+}
+
+#[tokio::test]
+async fn a_command_makes_no_database_and_touches_none_of_another_schema() {
+    let folder = TempDir::new().unwrap();
+    let missing = folder.path().join("nowhere.db");
+    let refused = Store::open_beside(&missing, Clock::start())
+        .await
+        .unwrap_err();
+    assert!(matches!(refused, OpenError::Missing(_)), "{refused}");
+    assert!(!missing.exists());
+
+    let lab = Lab::open().await;
+    let mut raw = raw(&lab).await;
+    for (change, expected) in [
+        (
+            "update _sqlx_migrations set version = 99 where version = 4",
+            "schema 99 of a later riskaware; this one knows schemas up to 4",
+        ),
+        (
+            "delete from _sqlx_migrations where version = 99",
+            "has schema 3, this riskaware needs 4; start `riskaware serve`",
+        ),
+        ("drop table _sqlx_migrations", "is not a riskaware database"),
+    ] {
+        sqlx::query(change).execute(&mut raw).await.unwrap();
+        let refused = Store::open_beside(lab.path(), Clock::start())
+            .await
+            .unwrap_err();
+        assert!(refused.to_string().contains(expected), "{refused}");
+    }
 }

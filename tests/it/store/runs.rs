@@ -86,13 +86,14 @@ async fn a_built_in_study_is_stored_as_it_was_drawn() {
     let study = &Study::parse(name, text).unwrap();
     let version = lab
         .store
-        .publish(study.id(), study.hash(), study.text())
+        .publish(study.id(), study.hash(), study.text(), StudyState::Open)
         .await
         .unwrap();
-    let steps = draw_run(study, &mut lab.rng).unwrap();
+    let candidates = draw_run(study, &mut lab.rng).unwrap();
+    let steps = candidates[0].steps.clone();
     let run = NewRun {
         version,
-        steps: steps.clone(),
+        candidates,
         ..lab.new_run("driving")
     };
     let person = lab.start_as("driving", run).await;

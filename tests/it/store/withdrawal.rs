@@ -14,6 +14,7 @@ async fn a_withdrawn_run_leaves_an_anonymous_row_and_its_share_of_the_counts() {
         person: Some(("prolific".to_owned(), "5f3-secret-id".to_owned())),
         recruiting: [("PROLIFIC_PID".to_owned(), "5f3-secret-id".to_owned())].into(),
         source: Some("prolific".to_owned()),
+        ..NewArrival::default()
     };
     let token = lab.arrival("driving", arrival.clone()).await;
     let unused = lab.arrival("driving", arrival.clone()).await;

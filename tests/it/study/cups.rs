@@ -18,7 +18,7 @@ fn cups() -> Study {
 }
 
 fn run(study: &Study, seed: u64) -> Vec<StepPlan> {
-    study.draw_steps(&mut ChaCha8Rng::seed_from_u64(seed))
+    study.draw_steps(None, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
 fn watching(study: &Study, seed: u64) -> StepPlan {

@@ -20,7 +20,7 @@ pub fn driving() -> Study {
 }
 
 fn run(study: &Study, seed: u64) -> Vec<StepPlan> {
-    study.draw_steps(&mut ChaCha8Rng::seed_from_u64(seed))
+    study.draw_steps(None, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
 /// `block/question` of each choice, `block` of other steps.
@@ -73,7 +73,7 @@ fn the_design_is_the_papers() {
     assert_eq!(study.reference_reward(), -500.0);
     assert_eq!(study.reward_unit().format(-500.0), "\u{2212}$500");
     assert_eq!(study.include(), Include::All);
-    assert_eq!(study.recruiting_ids(), RecruitingIds::Hashed);
+    assert_eq!(study.recruiting().ids, RecruitingIds::Hashed);
     assert_eq!(
         (study.fit().samples, study.fit().weighting),
         (30, Weighting::Monotone)

@@ -16,7 +16,7 @@ fn gambles() -> Study {
 }
 
 fn run(study: &Study, seed: u64) -> Vec<StepPlan> {
-    study.draw_steps(&mut ChaCha8Rng::seed_from_u64(seed))
+    study.draw_steps(None, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
 fn fields(entries: &[(&str, &str)]) -> Fields {
@@ -100,7 +100,7 @@ fn settings_are_read() {
         })
     );
     assert_eq!(fit.priors.alpha, None);
-    assert_eq!(study.recruiting_ids(), RecruitingIds::Plain);
+    assert_eq!(study.recruiting().ids, RecruitingIds::Plain);
     assert_eq!(study.include(), Include::Completed);
     let completion = study.completion();
     assert_eq!(

@@ -41,7 +41,7 @@ fn an_error_reads_as_one_sentence() {
     let error = refused("limit_s = 2.5", "limit_s = 0");
     assert_eq!(
         error.to_string(),
-        "gambles.toml, line 86, block[quick].limit_s: found 0; allowed: more than 0 and at most 3600 seconds; \
+        "gambles.toml, line 87, block[quick].limit_s: found 0; allowed: more than 0 and at most 3600 seconds; \
          leave it out for no limit"
     );
 }
@@ -551,7 +551,7 @@ fn forms() {
         "min = 18\nmax_length = 3",
         "block[you].field[age].max_length",
         "kind `integer`",
-        "`text` only",
+        "`text`, `long_text` only",
     );
     check(
         "max_length = 10",

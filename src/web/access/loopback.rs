@@ -1,17 +1,14 @@
 //! Who may see results while no account exists: whoever sits at this machine, unless the operator opened them.
 
-use std::{net::SocketAddr, sync::Arc};
+use std::net::SocketAddr;
 
 use axum::{
-    extract::{Request, State},
-    http::header,
-    middleware::Next,
+    http::{HeaderMap, header},
     response::{IntoResponse, Response},
 };
-
 use tower_http::csrf::ProtectionError;
 
-use super::{ApiError, Error, Settings};
+use super::Error;
 
 /// What proxies add to requests that they pass on.
 const FORWARDED: [&str; 5] = [
@@ -22,42 +19,29 @@ const FORWARDED: [&str; 5] = [
     "x-real-ip",
 ];
 
-/// Lets a request for results through when the listener is a loopback one and is addressed as such, or when the
-/// server was started with `--open-results`.
+/// Whether a request comes from this machine: the listener is a loopback one and is addressed as such.
 ///
 /// The name in `Host` counts as well as the listener, because a page of another site whose name was pointed at 127.0.0.1
 /// must not read results. Behind a proxy on this machine the listener is loopback too, and some proxies put their own
 /// name for us into `Host`: so whatever says that it was forwarded is refused. A proxy that says nothing at all cannot
 /// be told from a browser on this machine.
-pub(super) async fn results(
-    State((settings, address)): State<(Arc<Settings>, SocketAddr)>,
-    request: Request,
-    next: Next,
-) -> Response {
-    let host = request
-        .headers()
+pub(super) fn is_local(headers: &HeaderMap, listener: SocketAddr) -> bool {
+    let host = headers
         .get(header::HOST)
         .and_then(|host| host.to_str().ok());
-    let is_forwarded = FORWARDED
-        .iter()
-        .any(|name| request.headers().contains_key(*name));
-    let is_local =
-        address.ip().is_loopback() && host.is_some_and(is_loopback_name) && !is_forwarded;
-    if settings.open_results || is_local {
-        return next.run(request).await;
-    }
-    let error = Error::Forbidden(
-        "results are shown only where the server listens on this machine alone, such as 127.0.0.1:8080; start it with --open-results to show them to everybody who can reach it".to_owned(),
-    );
-    if request.uri().path().starts_with("/api/") {
-        ApiError(error).into_response()
-    } else {
-        error.into_response()
-    }
+    let is_forwarded = FORWARDED.iter().any(|name| headers.contains_key(*name));
+    listener.ip().is_loopback() && host.is_some_and(is_loopback_name) && !is_forwarded
+}
+
+/// What everybody else is told.
+pub(super) fn not_here() -> Error {
+    Error::Forbidden(
+        "results are shown only where the server listens on this machine alone, such as 127.0.0.1:8080; make the first account with the link that the server printed when it started, or start it with --open-results to show results to everybody who can reach it".to_owned(),
+    )
 }
 
 /// What a form or call from a page of another site is answered.
-pub(super) fn cross_site(_: ProtectionError) -> Response {
+pub(in crate::web) fn cross_site(_: ProtectionError) -> Response {
     let text =
         "this was sent from a page of another site; open the study's own link and answer there";
     Error::Forbidden(text.to_owned()).into_response()

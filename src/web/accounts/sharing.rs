@@ -1,0 +1,37 @@
+//! The switch that shows a study's aggregates to everybody.
+
+use axum::{
+    Extension,
+    extract::{Form, Path, State},
+    response::{IntoResponse, Redirect, Response},
+};
+use serde::Deserialize;
+
+use super::super::{Error, access::Recorded};
+use crate::{store::Store, study::StudyId};
+
+#[derive(Deserialize)]
+pub(super) struct PublicForm {
+    public: u8,
+}
+
+/// POST `/results/STUDY/public`.
+pub(super) async fn set(
+    State(store): State<Store>,
+    Path(study): Path<StudyId>,
+    Form(form): Form<PublicForm>,
+) -> Result<Response, Error> {
+    let is_public = form.public != 0;
+    store.set_public(&study, is_public).await?;
+    let action = if is_public {
+        "make results public"
+    } else {
+        "make results not public"
+    };
+    let recorded = Recorded {
+        action: Some(action.to_owned()),
+        detail: None,
+    };
+    let back = Redirect::to(&format!("/results/{study}"));
+    Ok((Extension(recorded), back).into_response())
+}

@@ -1,0 +1,422 @@
+//! Building blocks beyond the built-in studies', over HTTP and without scripts: clauses, screening, comprehension checks,
+//! scales, several options, more actions and outcomes than two, endings with codes, and the bonus.
+
+use reqwest::StatusCode;
+use riskaware::{
+    clock::Clock,
+    store::{AnalysisSet, Population, RunId, RunState},
+};
+
+use crate::app::{App, Page, Participant, START};
+
+const STUDY: &str = r#"
+format = 1
+open = true
+id = "blocks"
+title = "Blocks"
+summary = "Every block"
+minutes = 5
+contact = "the team"
+reward_unit = { name = "points" }
+
+[recruiting]
+ids = "plain"
+
+[[action]]
+id = "a"
+label = "A"
+outcomes = [{ p = 0.2, reward = 10 }, { p = 0.2, reward = 20 }, { p = 0.2, reward = -30 }, { p = 0.2, reward = 40 }, { p = "rest", reward = 0 }]
+[[action]]
+id = "b"
+label = "B"
+outcomes = [{ p = 1, reward = 5 }]
+[[action]]
+id = "c"
+label = "C"
+outcomes = [{ p = 0.5, reward = 12 }, { p = "rest", reward = -6 }]
+[[action]]
+id = "d"
+label = "D"
+outcomes = [{ p = 0.1, reward = 100 }, { p = "rest", reward = -2 }]
+
+[[block]]
+kind = "consent"
+id = "consent"
+version = "3"
+title = "Consent"
+text = "You can withdraw."
+agree = "Agree"
+decline = "Decline"
+declined_title = "Declined"
+declined_text = "Nothing is stored."
+clause = [{ id = "adult", text = "I am an adult.", required = true }, { id = "archive", text = "Publish it." }]
+
+[[block]]
+kind = "form"
+id = "screening"
+title = "You"
+button = "Go on"
+[[block.field]]
+id = "drives"
+kind = "choice"
+label = "Do you drive?"
+required = true
+options = [{ id = "yes", label = "Yes" }, { id = "no", label = "No", screens_out = true }]
+
+[[block]]
+kind = "form"
+id = "check"
+title = "Check"
+button = "Go on"
+attempts = 2
+hint = "Read **again**."
+then = "end"
+[[block.field]]
+id = "light"
+kind = "choice"
+label = "Which light?"
+options = [{ id = "red", label = "Red" }, { id = "green", label = "Green" }]
+correct = "red"
+[[block.field]]
+id = "cars"
+kind = "choices"
+label = "Which two?"
+options = [{ id = "x", label = "X" }, { id = "y", label = "Y" }, { id = "z", label = "Z" }]
+correct = ["x", "z"]
+
+[[block]]
+kind = "choice"
+id = "lotteries"
+title = "Choose"
+[[block.question]]
+id = "four"
+text = "Which?"
+
+[[block]]
+kind = "form"
+id = "about"
+title = "About"
+button = "Finish"
+[[block.field]]
+id = "height"
+kind = "number"
+label = "Height in m?"
+min = 0.5
+max = 2.5
+[[block.field]]
+id = "agree"
+kind = "likert"
+label = "Agree?"
+required = true
+points = 5
+low = "No"
+high = "Yes"
+items = [{ id = "dares", text = "I dare." }, { id = "fears", text = "I fear.", reverse = true }]
+[[block.field]]
+id = "words"
+kind = "long_text"
+label = "Words?"
+
+[completion]
+title = "Done"
+text = "Thanks."
+code = "DONE1"
+redirect = "https://site.example/complete?cc={code}"
+[completion.screened_out]
+title = "Not you"
+code = "OUT1"
+redirect = "https://site.example/complete?cc={code}"
+[completion.failed_check]
+code = "FAIL1"
+
+[bonus]
+currency = "GBP"
+rate = 0.01
+endowment = 1.0
+"#;
+
+async fn app() -> App {
+    let studies = vec![("blocks.toml".to_owned(), STUDY.to_owned())];
+    App::with(Clock::manual(START), studies).await
+}
+
+/// Sends the form of the page with more than one field.
+async fn fills(person: &mut Participant, fields: &[(&str, &str)]) -> Page {
+    let mut form = vec![
+        ("step", person.page.field("step")),
+        ("key", person.page.field("key")),
+    ];
+    form.extend(
+        fields
+            .iter()
+            .map(|(name, value)| (*name, (*value).to_owned())),
+    );
+    let response = person
+        .client
+        .post(&person.link)
+        .form(&form)
+        .send()
+        .await
+        .unwrap();
+    person.page = Page::of(response).await;
+    person.page.clone()
+}
+
+async fn at_check(app: &App) -> Participant {
+    let mut person = app.participant_of("/s/blocks").await;
+    fills(&mut person, &[("consent", "agree"), ("clause", "adult")]).await;
+    fills(&mut person, &[("drives", "yes")]).await;
+    assert_eq!(person.page.text("h1").as_deref(), Some("Check"));
+    person
+}
+
+const RIGHT: [(&str, &str); 3] = [("light", "red"), ("cars", "z"), ("cars", "x")];
+const WRONG: [(&str, &str); 2] = [("light", "red"), ("cars", "y")];
+
+async fn completes(app: &App, action: &str) -> Participant {
+    let mut person = at_check(app).await;
+    fills(&mut person, &RIGHT).await;
+    fills(&mut person, &[("action", action)]).await;
+    let last = [
+        ("height", "1,75"),
+        ("dares", "5"),
+        ("fears", "2"),
+        ("words", "one\ntwo"),
+    ];
+    fills(&mut person, &last).await;
+    assert_eq!(
+        person.page.text("h1").as_deref(),
+        Some("Done"),
+        "{}",
+        person.page.html
+    );
+    person
+}
+
+async fn state(app: &App, person: &Participant) -> RunState {
+    app.store.run(&person.token()).await.unwrap().state
+}
+
+async fn nothing_disagrees(app: App) {
+    assert_eq!(app.store.check_answers().await.unwrap(), []);
+    assert_eq!(app.store.check_counters().await.unwrap(), []);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn agreement_without_a_required_clause_is_sent_back_with_the_ticks_kept() {
+    let app = app().await;
+    let mut person = app.participant_of("/s/blocks").await;
+    let page = fills(&mut person, &[("consent", "agree"), ("clause", "archive")]).await;
+    assert_eq!(page.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert!(
+        page.text(".error-summary")
+            .unwrap()
+            .contains("I am an adult.")
+    );
+    assert!(page.attribute("input[value=archive]", "checked").is_some());
+    assert!(page.attribute("input[value=adult]", "checked").is_none());
+    let page = fills(&mut person, &[("consent", "agree"), ("clause", "adult")]).await;
+    assert_eq!(page.text("h1").as_deref(), Some("You"));
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn an_answer_that_screens_out_ends_the_run_with_its_own_code() {
+    let app = app().await;
+    let mut person = app.participant_of("/s/blocks?PROLIFIC_PID=p1").await;
+    fills(&mut person, &[("consent", "agree"), ("clause", "adult")]).await;
+    let page = fills(&mut person, &[("drives", "no")]).await;
+    assert_eq!(page.text("h1").as_deref(), Some("Not you"));
+    assert_eq!(page.text(".completion__code").as_deref(), Some("OUT1"));
+    assert_eq!(
+        page.attribute(".actions a", "href").as_deref(),
+        Some("https://site.example/complete?cc=OUT1")
+    );
+    assert_eq!(state(&app, &person).await, RunState::ScreenedOut);
+    // The page stays, and another link of the same person shows no code.
+    person.reloads().await;
+    assert_eq!(
+        person.page.text(".completion__code").as_deref(),
+        Some("OUT1")
+    );
+    let again = app.participant_of("/s/blocks?PROLIFIC_PID=p1").await;
+    assert_eq!(again.page.text(".completion__code"), None);
+    let study = "blocks".into();
+    let bonuses = app
+        .store
+        .bonuses(&study, Population::People, RunId::from(0), 10);
+    assert_eq!(bonuses.await.unwrap(), []);
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn a_wrong_attempt_shows_the_hint_and_the_last_one_ends_the_run() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    let page = fills(&mut person, &WRONG).await;
+    assert_eq!(page.status, StatusCode::OK);
+    assert_eq!(page.text("h1").as_deref(), Some("Check"));
+    assert_eq!(page.text(".error-summary").as_deref(), Some("Read again."));
+    // An empty answer is no attempt.
+    let page = fills(&mut person, &[("light", "red")]).await;
+    assert_eq!(page.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert_eq!(state(&app, &person).await, RunState::Active);
+    let page = fills(&mut person, &WRONG).await;
+    assert_eq!(state(&app, &person).await, RunState::FailedCheck);
+    assert_eq!(page.text(".completion__code").as_deref(), Some("FAIL1"));
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn sending_the_same_wrong_form_twice_is_one_attempt() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    let page = person.page.clone();
+    fills(&mut person, &WRONG).await;
+    person.page = page;
+    fills(&mut person, &WRONG).await;
+    assert_eq!(state(&app, &person).await, RunState::Active);
+    fills(&mut person, &RIGHT).await;
+    assert_eq!(person.page.text("h1").as_deref(), Some("Choose"));
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn a_form_that_is_sent_back_keeps_what_was_typed() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &RIGHT).await;
+    fills(&mut person, &[("action", "d")]).await;
+    let typed = [("height", "9"), ("dares", "4"), ("words", "two\nlines <b>")];
+    let page = fills(&mut person, &typed).await;
+    assert_eq!(page.status, StatusCode::UNPROCESSABLE_ENTITY);
+    assert_eq!(page.field("height"), "9");
+    assert_eq!(page.text("textarea").as_deref(), Some("two\nlines <b>"));
+    assert!(
+        page.attribute("input[name=dares][value='4']", "checked")
+            .is_some()
+    );
+    let messages = page.texts(".error-summary a");
+    assert_eq!(messages.len(), 2, "{messages:?}");
+    assert!(page.attribute("#field-fears", "aria-describedby").is_some());
+    assert_eq!(
+        page.attribute("#field-height", "inputmode").as_deref(),
+        Some("decimal")
+    );
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn four_actions_with_five_outcomes_are_counted_summarised_and_exported() {
+    let app = app().await;
+    for action in ["a", "b", "c", "d"] {
+        completes(&app, action).await;
+    }
+    let summary = app.get("/api/v1/studies/blocks/summary").await;
+    let summary: serde_json::Value = serde_json::from_str(&summary.html).unwrap();
+    assert_eq!(summary["cells"][0]["n"], 4);
+    assert_eq!(summary["cells"][0]["actions"].as_array().unwrap().len(), 4);
+    let results = app.get("/results/blocks").await;
+    assert_eq!(results.status, StatusCode::OK);
+    let csv = app.get("/api/v1/studies/blocks/answers.csv").await;
+    for action in ["a", "b", "c", "d"] {
+        assert!(
+            csv.html.contains(&format!(",{action},answered,")),
+            "{}",
+            csv.html
+        );
+    }
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it() {
+    let app = app().await;
+    let sure = completes(&app, "b").await;
+    let risky = completes(&app, "c").await;
+    assert_eq!(
+        sure.page.text(".completion__code").as_deref(),
+        Some("DONE1")
+    );
+    // The one choice was the sure one: 1 + 0.01 · 5.
+    assert_eq!(
+        sure.page.text(".bonus__amount").as_deref(),
+        Some("GBP 1.05")
+    );
+    assert!(sure.page.text(".bonus").unwrap().contains("Choose"));
+    let study = "blocks".into();
+    let all = || {
+        app.store
+            .bonuses(&study, Population::People, RunId::from(0), 10)
+    };
+    let bonuses = all().await.unwrap();
+    assert_eq!(bonuses.len(), 2);
+    let drawn = bonuses[1].choice.clone().unwrap();
+    assert_eq!(
+        (drawn.block.as_str(), drawn.action.as_str()),
+        ("lotteries", "c")
+    );
+    assert!([12.0, -6.0].contains(&drawn.reward), "{drawn:?}");
+    assert_eq!(
+        (bonuses[0].amount, bonuses[0].currency.as_str()),
+        (1.05, "GBP")
+    );
+    // Sending the last form again draws nothing anew.
+    let mut again = risky.clone();
+    again.reloads().await;
+    fills(&mut again, &[("dares", "1"), ("fears", "1")]).await;
+    assert_eq!(all().await.unwrap(), bonuses);
+    app.store.withdraw(&risky.token()).await.unwrap();
+    assert_eq!(all().await.unwrap(), bonuses[..1]);
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn forms_are_stored_raw_with_what_became_of_the_check() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &WRONG).await;
+    fills(&mut person, &RIGHT).await;
+    fills(&mut person, &[("action", "b")]).await;
+    fills(
+        &mut person,
+        &[("height", "1.5"), ("dares", "5"), ("fears", "2")],
+    )
+    .await;
+    let expected = [
+        ("light", "red", 1),
+        ("cars", r#"["x","z"]"#, 1),
+        ("_passed", "1", 1),
+        ("_attempts", "2", 1),
+    ];
+    for (field, value, n) in expected {
+        let given = form_answer(&app, "check", field).await;
+        assert_eq!(given, [(Some(value.to_owned()), n)], "{field}");
+    }
+    assert_eq!(
+        form_answer(&app, "about", "height").await,
+        [(Some("1.5".to_owned()), 1)]
+    );
+    assert_eq!(
+        form_answer(&app, "about", "fears").await,
+        [(Some("2".to_owned()), 1)]
+    );
+    nothing_disagrees(app).await;
+}
+
+async fn form_answer(app: &App, block: &str, field: &str) -> Vec<(Option<String>, u64)> {
+    app.store
+        .form_answers(
+            &"blocks".into(),
+            Population::People,
+            AnalysisSet::All,
+            &block.into(),
+            field,
+        )
+        .await
+        .unwrap()
+        .into_iter()
+        .map(|answer| (answer.value, answer.n))
+        .collect()
+}

@@ -1,0 +1,191 @@
+//! A folder of study files that changes while it is served.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use riskaware::{
+    clock::Clock,
+    jobs::{Catalogue, Prepare, StudyFolder},
+    store::{Options, Population, Store, StudyState},
+    study::{ParseError, Study, StudyId},
+};
+use tempfile::TempDir;
+
+use crate::{
+    app::START,
+    conditions::BETWEEN,
+    program::{riskaware, stderr, stdout},
+};
+
+struct Folder {
+    store: Store,
+    folder: StudyFolder,
+    home: TempDir,
+}
+
+impl Folder {
+    async fn with(files: &[(&str, &str)]) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        std::fs::create_dir(home.path().join("studies")).unwrap();
+        let options = Options::at(home.path().join("riskaware.db"));
+        let store = Store::open(options, Clock::manual(START)).await.unwrap();
+        let folder = StudyFolder::new(&home.path().join("studies"));
+        let folder = Self {
+            store,
+            folder,
+            home,
+        };
+        for (name, text) in files {
+            folder.write(name, text);
+        }
+        folder
+    }
+
+    fn file(&self, name: &str) -> PathBuf {
+        self.home.path().join("studies").join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        std::fs::write(self.file(name), text).unwrap();
+    }
+
+    async fn publish(&mut self) -> Catalogue {
+        self.folder.publish(&self.store).await.unwrap()
+    }
+
+    async fn look(&mut self, catalogue: &Catalogue) {
+        let prepare: Prepare = Arc::new(|_: &Study| Ok(()));
+        self.folder
+            .look(&self.store, catalogue, &prepare)
+            .await
+            .unwrap();
+    }
+
+    async fn state(&self, study: &str) -> StudyState {
+        self.store.study(&StudyId::from(study)).await.unwrap().state
+    }
+}
+
+fn between() -> StudyId {
+    StudyId::from("between")
+}
+
+fn wrong() -> String {
+    BETWEEN.replace("minutes = 2", "minutes = 0")
+}
+
+fn error_of(text: &str, file: &Path) -> ParseError {
+    Study::parse(&file.display().to_string(), text).unwrap_err()
+}
+
+#[tokio::test]
+async fn a_changed_file_is_served_to_whoever_starts_afterwards() {
+    let mut folder = Folder::with(&[("between.toml", BETWEEN)]).await;
+    let catalogue = folder.publish().await;
+    let (first, _) = catalogue.current(&between()).unwrap();
+    folder.look(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().0, first);
+
+    folder.write(
+        "between.toml",
+        &BETWEEN.replace("A question of framing", "Framed"),
+    );
+    folder.look(&catalogue).await;
+    let (second, study) = catalogue.current(&between()).unwrap();
+    assert_ne!(first, second);
+    assert_eq!(study.title(), "Framed");
+    let earlier = catalogue.version(first).unwrap();
+    assert_eq!(earlier.title(), "A question of framing");
+    assert_eq!(
+        folder.store.study(&between()).await.unwrap().version,
+        second
+    );
+}
+
+#[tokio::test]
+async fn a_broken_file_leaves_what_is_served_alone() {
+    let mut folder = Folder::with(&[("between.toml", BETWEEN)]).await;
+    let catalogue = folder.publish().await;
+    let before = catalogue.current(&between()).unwrap().0;
+    folder.write("between.toml", &wrong());
+    folder.look(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().0, before);
+    let file = folder.file("between.toml");
+    let expected = error_of(&wrong(), &file).to_string();
+    let errors = catalogue.file_errors();
+    assert_eq!(errors.get(&file.display().to_string()), Some(&expected));
+    folder.write(
+        "between.toml",
+        &BETWEEN.replace("minutes = 2", "minutes = 20"),
+    );
+    folder.look(&catalogue).await;
+    assert!(catalogue.file_errors().is_empty());
+    assert_eq!(catalogue.current(&between()).unwrap().1.minutes(), 20);
+}
+
+#[tokio::test]
+async fn a_broken_file_at_the_start_stops_no_other_study() {
+    let mut folder = Folder::with(&[("between.toml", BETWEEN)]).await;
+    let stored = folder.publish().await.current(&between()).unwrap().0;
+    folder.write("between.toml", &wrong());
+    folder.write("driving.toml", "id = ");
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    assert_eq!(catalogue.file_errors().len(), 2);
+    assert_eq!(catalogue.current(&between()).unwrap().0, stored);
+    for id in ["driving", "cups"] {
+        assert!(catalogue.current(&StudyId::from(id)).is_some());
+    }
+}
+
+#[tokio::test]
+async fn a_new_file_begins_as_a_draft_unless_it_says_otherwise() {
+    let mut folder = Folder::with(&[]).await;
+    let catalogue = folder.publish().await;
+    assert!(catalogue.current(&between()).is_none());
+    folder.write("between.toml", &BETWEEN.replace("open = true\n", ""));
+    folder.write(
+        "other.toml",
+        &BETWEEN.replace("id = \"between\"", "id = \"other\""),
+    );
+    folder.write("twice.toml", BETWEEN);
+    folder.look(&catalogue).await;
+    assert_eq!(folder.state("between").await, StudyState::Draft);
+    assert_eq!(folder.state("other").await, StudyState::Open);
+    let errors = catalogue.file_errors();
+    let (file, error) = errors.first_key_value().unwrap();
+    assert!(file.ends_with("twice.toml") && error.contains("between.toml"));
+}
+
+#[tokio::test]
+async fn a_study_is_opened_and_closed_by_command() {
+    let mut folder = Folder::with(&[]).await;
+    folder.publish().await;
+    let database = folder.home.path().join("riskaware.db");
+    let database = database.to_str().unwrap();
+    // The store stays open, as a server's would.
+    for (command, state) in [
+        ("pause", StudyState::Paused),
+        ("close", StudyState::Closed),
+        ("open", StudyState::Open),
+    ] {
+        let output = riskaware(&["study", command, "driving", "--database", database], "");
+        assert!(output.status.success(), "{}", stderr(&output));
+        assert!(stdout(&output).contains(state.as_str()));
+        assert_eq!(folder.state("driving").await, state);
+    }
+    let unknown = riskaware(&["study", "open", "drivin", "--database", database], "");
+    assert_eq!(unknown.status.code(), Some(1));
+    assert!(
+        stderr(&unknown).contains("cups, driving"),
+        "{}",
+        stderr(&unknown)
+    );
+    let totals = folder
+        .store
+        .totals(&StudyId::from("driving"), Population::People)
+        .await;
+    assert_eq!(totals.unwrap().started, 0);
+}
