@@ -46,7 +46,7 @@ impl Lock {
 }
 
 /// A file that lies beside the database, such as its write-ahead log.
-fn with_suffix(database: &Path, suffix: &str) -> PathBuf {
+pub(super) fn with_suffix(database: &Path, suffix: &str) -> PathBuf {
     let mut path = OsString::from(database);
     path.push(suffix);
     path.into()

@@ -8,7 +8,7 @@
 //! * `definition`: [`Study`] and what it tells about itself,
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
-//! * `draw`: a run's list of steps,
+//! * `draw`: a run's list of steps; `contents`: what each block shows and asks,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
@@ -17,6 +17,7 @@
 
 mod built_in;
 mod cell;
+mod contents;
 mod definition;
 mod document;
 mod draw;
@@ -34,6 +35,7 @@ mod timing;
 
 pub use built_in::built_in;
 pub use cell::{ActionLabel, Baseline, Cell};
+pub use contents::{AskedQuestion, Asks, BlockContents};
 pub use definition::{
     Completion, CompletionCode, Factor, Include, Level, RecruitingIds, RewardUnit,
     StatedHypothesis, Study,
