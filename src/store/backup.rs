@@ -77,9 +77,7 @@ pub async fn restore(backup: &Path, database: &Path) -> Result<(), CopyError> {
         }
     }
     let mut connection = open::reading_connection(backup).await?;
-    let problems = soundness(&mut connection)
-        .await
-        .map_err(open::at(backup))?;
+    let problems = soundness(&mut connection).await.map_err(open::at(backup))?;
     if !problems.is_empty() {
         return Err(CopyError::Unsound {
             path: backup.to_owned(),

@@ -5,6 +5,7 @@ use tokio::sync::oneshot;
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
 use super::fits::NewFit;
+use super::import::Import;
 use super::token::TokenHash;
 use super::{
     Error, Population, RunId, Started, StudyState, Submission, Submitted, Token, VersionId,
@@ -68,6 +69,7 @@ pub(super) enum Rare {
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
+    Import(Box<Import>, Ticket<u64>),
 }
 
 #[derive(Debug)]
@@ -178,7 +180,9 @@ impl Job {
             ) => ticket.deliver(),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::Import(_, ticket)) => {
+                ticket.deliver()
+            }
         }
     }
 
@@ -197,7 +201,9 @@ impl Job {
             ) => ticket.fail(err),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
-            Self::Rare(Rare::ForgetArrivals(_, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::Import(_, ticket)) => {
+                ticket.fail(err)
+            }
         }
     }
 }

@@ -12,7 +12,8 @@
 //!   statements,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `fits`, `comparisons`, `checkpoints`: one file per group of
 //!   tables,
-//! * `participants`: one row per person, for exports; `backup`: copies,
+//! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
+//! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod answers;
@@ -23,9 +24,11 @@ mod checkpoints;
 mod comparisons;
 mod counts;
 mod disk;
+mod doctor;
 mod effects;
 mod error;
 mod fits;
+mod import;
 mod job;
 mod load;
 mod names;
@@ -56,8 +59,10 @@ pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
+pub use doctor::{Finding, Health, examine};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
+pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, DrawnStep};
 pub use names::{
     AnalysisSet, AnswerStatus, EventId, EventKind, FitId, FitState, Population, ProblemId, RunId,
@@ -65,7 +70,7 @@ pub use names::{
 };
 pub use participants::{ParticipantRow, StepAnswer};
 pub use rules::Submission;
-pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
+pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
@@ -258,7 +263,7 @@ impl Store {
             health,
             close,
             writer: Mutex::new(Some(writer)),
-            _lock: Some(lock),
+            _lock: lock,
         };
         Ok(Self {
             pool,

@@ -14,7 +14,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
-use super::{Change, Error, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw};
+use super::{
+    Change, Error, batch, checkpoints, comparisons, fits, import, open, runs, studies, withdraw,
+};
 
 /// How many jobs one commit takes at most.
 pub(super) const BATCH: usize = 512;
@@ -316,6 +318,11 @@ async fn write_rare(
         Rare::ForgetArrivals(before, ticket) => {
             ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
             Ok(Vec::new())
+        }
+        Rare::Import(import, ticket) => {
+            let (imported, changes) = import::write(connection, import).await?;
+            ticket.hold(imported);
+            Ok(changes)
         }
     }
 }
