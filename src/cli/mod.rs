@@ -1,8 +1,10 @@
 //! The commands of the `riskaware` binary.
 
+mod backup;
 mod calibrate;
 mod choice_files;
 mod demo;
+mod export;
 mod fit;
 mod fit_comparison;
 mod fit_files;
@@ -76,6 +78,12 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
+    /// Write a study's data to a file, also while a server takes answers
+    Export(export::Arguments),
+    /// Copy a database, also while a server uses it
+    Backup(backup::BackupArguments),
+    /// Check a copy and make a database of it
+    Restore(backup::RestoreArguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -124,6 +132,9 @@ impl Command {
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Export(arguments) => block_on(export::run(arguments)),
+            Self::Backup(arguments) => block_on(backup::back_up(arguments)),
+            Self::Restore(arguments) => block_on(backup::restore(arguments)),
             Self::Health(args) => block_on(health::run(args)),
         }
     }

@@ -62,7 +62,14 @@ impl Codebook {
     pub(super) fn write_csv(&self, out: &mut dyn io::Write) -> Result<u64, ExportError> {
         let mut writer = csv::Writer::from_writer(out);
         writer.write_record([
-            "table", "column", "label", "type", "unit", "description", "levels", "missing",
+            "table",
+            "column",
+            "label",
+            "type",
+            "unit",
+            "description",
+            "levels",
+            "missing",
         ])?;
         let mut count = 0;
         for table in &self.tables {

@@ -201,8 +201,9 @@ pub(super) fn factors<'a>(studies: impl Iterator<Item = &'a Study>) -> Vec<Facto
 }
 
 fn study_column(export: &Export) -> Column {
-    Column::new("study", "Study", ColumnKind::Text, "The id of the study")
-        .with_levels(vec![Level::new(export.study.id().as_str(), export.study.title())])
+    Column::new("study", "Study", ColumnKind::Text, "The id of the study").with_levels(vec![
+        Level::new(export.study.id().as_str(), export.study.title()),
+    ])
 }
 
 fn version_column(export: &Export) -> Column {
@@ -290,14 +291,24 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
         version_column(export),
         participant_column(),
         run_state_column(),
-        Column::new("block", "Block", ColumnKind::Text, "The block of the study file that asked the question"),
+        Column::new(
+            "block",
+            "Block",
+            ColumnKind::Text,
+            "The block of the study file that asked the question",
+        ),
         Column::new(
             "position",
             "Position",
             ColumnKind::Integer,
             "The place of the question among all steps of the participant, from 0",
         ),
-        Column::new("question", "Question", ColumnKind::Text, "The question's id, unique in its block"),
+        Column::new(
+            "question",
+            "Question",
+            ColumnKind::Text,
+            "The question's id, unique in its block",
+        ),
         Column::new(
             "problem",
             "Choice problem",
@@ -305,15 +316,22 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
             "The cell's id (its levels joined by /), or block:question outside the design; the `problem` of fits",
         ),
     ];
-    columns.extend(factors(export.versions_current_first()).into_iter().map(|factor| {
-        Column::new(
-            factor.id,
-            &factor.label,
-            ColumnKind::Level,
-            format!("The level of the factor {}; empty outside the design", factor.label),
-        )
-        .with_levels(factor.levels)
-    }));
+    columns.extend(
+        factors(export.versions_current_first())
+            .into_iter()
+            .map(|factor| {
+                Column::new(
+                    factor.id,
+                    &factor.label,
+                    ColumnKind::Level,
+                    format!(
+                        "The level of the factor {}; empty outside the design",
+                        factor.label
+                    ),
+                )
+                .with_levels(factor.levels)
+            }),
+    );
     columns.extend([
         Column::new("action", "Action", ColumnKind::Level, "The chosen action")
             .with_levels(all_actions(export))
@@ -501,7 +519,13 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
             WideCell::TimeFactor,
         ),
         plain(
-            Column::new("started_at_ms", "Started at", ColumnKind::Integer, "When the run began, since 1970 (UTC)").in_unit("ms"),
+            Column::new(
+                "started_at_ms",
+                "Started at",
+                ColumnKind::Integer,
+                "When the run began, since 1970 (UTC)",
+            )
+            .in_unit("ms"),
             WideCell::StartedAt,
         ),
         plain(
@@ -515,7 +539,13 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
             WideCell::FinishedAt,
         ),
         plain(
-            Column::new("duration_ms", "Duration", ColumnKind::Integer, "From the start to the end of the run").in_unit("ms"),
+            Column::new(
+                "duration_ms",
+                "Duration",
+                ColumnKind::Integer,
+                "From the start to the end of the run",
+            )
+            .in_unit("ms"),
             WideCell::Duration,
         ),
         plain(
@@ -529,7 +559,12 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
         ),
     ];
     let platform = plain(
-        Column::new("platform", "Platform", ColumnKind::Text, "The recruiting platform that the link named"),
+        Column::new(
+            "platform",
+            "Platform",
+            ColumnKind::Text,
+            "The recruiting platform that the link named",
+        ),
         WideCell::Platform,
     );
     match export.ids {

@@ -101,7 +101,9 @@ pub enum ExportError {
     #[error(transparent)]
     Study(#[from] crate::study::ParseError),
     /// Plain ids are wanted and not there.
-    #[error("study {0} stores the ids of recruiting platforms hashed, so there are no plain ones; allowed: hashed")]
+    #[error(
+        "study {0} stores the ids of recruiting platforms hashed, so there are no plain ones; allowed: hashed"
+    )]
     NoPlainIds(StudyId),
     /// The file or its reader takes no more.
     #[error("writing: {0}")]
@@ -166,7 +168,8 @@ impl Export {
     /// All readable versions of the study, the current one first: what it asks now comes first in every table.
     fn versions_current_first(&self) -> impl Iterator<Item = &Study> {
         let earlier = self.versions.iter().map(|(_, study)| study);
-        std::iter::once(self.study()).chain(earlier.filter(|study| study.hash() != self.study.hash()))
+        std::iter::once(self.study())
+            .chain(earlier.filter(|study| study.hash() != self.study.hash()))
     }
 
     /// Every column of the tables.

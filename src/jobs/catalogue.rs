@@ -4,7 +4,7 @@ use std::{collections::HashMap, sync::Arc};
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, VersionId},
+    store::{self, Store, StudyRow, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
@@ -52,12 +52,7 @@ impl Catalogue {
         files: Vec<(String, String)>,
     ) -> Result<Self, CatalogueError> {
         let studies = parse(files)?;
-        let mut catalogue = Self {
-            current: Vec::new(),
-            versions: HashMap::new(),
-            snapshots: SnapshotCache::default(),
-            live_fits: LiveFits::default(),
-        };
+        let mut catalogue = Self::empty();
         for study in studies {
             let version = store
                 .publish(study.id(), study.hash(), study.text())
@@ -71,6 +66,27 @@ impl Catalogue {
         Ok(catalogue)
     }
 
+    /// The studies as they are stored, for commands that only read a database.
+    ///
+    /// # Errors
+    /// When a stored file is not readable any more, or the database fails.
+    pub async fn stored(store: &Store) -> Result<Self, CatalogueError> {
+        let mut catalogue = Self::empty();
+        for row in store.studies().await? {
+            catalogue.add_versions(store, &row).await?;
+        }
+        Ok(catalogue)
+    }
+
+    fn empty() -> Self {
+        Self {
+            current: Vec::new(),
+            versions: HashMap::new(),
+            snapshots: SnapshotCache::default(),
+            live_fits: LiveFits::default(),
+        }
+    }
+
     /// Studies whose file is gone are served as they were stored, so that people under way can finish and their
     /// answers can be read.
     async fn add_stored(&mut self, store: &Store) -> Result<(), CatalogueError> {
@@ -78,18 +94,23 @@ impl Catalogue {
             if self.current(&row.id).is_some() {
                 continue;
             }
-            for stored in store.study_versions(&row.id).await? {
-                let study = Study::parse(
-                    &format!("version {} of {}", stored.id, row.id),
-                    &stored.text,
-                )?;
-                let study = Arc::new(study);
-                self.versions.insert(stored.id, study.clone());
-                if stored.id == row.version {
-                    self.current.push((stored.id, study));
-                }
-            }
+            self.add_versions(store, &row).await?;
             tracing::warn!(study = %row.id, "no file describes this study any more; it is served as it was stored");
+        }
+        Ok(())
+    }
+
+    async fn add_versions(&mut self, store: &Store, row: &StudyRow) -> Result<(), CatalogueError> {
+        for stored in store.study_versions(&row.id).await? {
+            let study = Study::parse(
+                &format!("version {} of {}", stored.id, row.id),
+                &stored.text,
+            )?;
+            let study = Arc::new(study);
+            self.versions.insert(stored.id, study.clone());
+            if stored.id == row.version {
+                self.current.push((stored.id, study));
+            }
         }
         Ok(())
     }

@@ -35,7 +35,7 @@ use tower_http::{
 pub use self::{
     error::{ApiError, Error},
     replays::Replays,
-    results::FitReportPage,
+    results::{FitReportPage, analysis_json},
     server::serve,
 };
 use crate::{

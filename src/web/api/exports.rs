@@ -29,7 +29,7 @@ use super::{
 use crate::{
     export::{Export, ExportError, Form, Ids},
     study::StudyId,
-    web::{ApiError, AppState, Error},
+    web::{ApiError, AppState, Error, analysis_json},
 };
 
 /// Bytes that are sent at once.
@@ -53,6 +53,7 @@ pub(super) fn router() -> Router<AppState> {
         .route(&path("export/codebook.csv"), get(codebook_csv))
         .route(&path("export/codebook.json"), get(codebook_json))
         .route(&path("export/bonus.csv"), get(bonus))
+        .route(&path("export/analysis.json"), get(analysis))
 }
 
 #[derive(Debug, Deserialize)]
@@ -134,6 +135,20 @@ async fn bonus(
     export(parts, study, Form::BonusCsv, query.ids()).await
 }
 
+async fn analysis(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+    Query(NoQuery {}): Query<NoQuery>,
+) -> Result<Response, ApiError> {
+    let body = analysis_json(&store, &catalogue, settings.population, &study).await?;
+    let name = format!("attachment; filename=\"{study}-analysis.json\"");
+    let headers = [
+        (header::CONTENT_TYPE, "application/json".to_owned()),
+        (header::CONTENT_DISPOSITION, name),
+    ];
+    Ok((headers, body).into_response())
+}
+
 async fn export(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
@@ -142,10 +157,7 @@ async fn export(
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
     let export = Export::open(&store, study.id(), settings.population, ids).await?;
-    let turn = TURNS
-        .clone()
-        .try_acquire_owned()
-        .map_err(|_| Error::Busy)?;
+    let turn = TURNS.clone().try_acquire_owned().map_err(|_| Error::Busy)?;
     // One piece ahead of the client, no more.
     let (sender, pieces) = mpsc::channel(1);
     tokio::task::spawn_blocking(move || write(&export, form, sender, turn));
