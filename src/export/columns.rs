@@ -271,7 +271,7 @@ fn all_actions(export: &Export) -> Vec<Level> {
     let mut found = Vec::new();
     for study in export.versions_current_first() {
         for contents in study.contents() {
-            let Asks::Choices(questions) = contents.asks else {
+            let Asks::Choices { questions, .. } = contents.asks else {
                 continue;
             };
             for action in questions.iter().flat_map(|question| question.actions) {
@@ -464,7 +464,7 @@ pub(super) fn wide(export: &Export) -> Vec<WideColumn> {
             match contents.asks {
                 Asks::Nothing => Vec::new(),
                 Asks::Consent => consent_columns(block),
-                Asks::Choices(questions) => questions
+                Asks::Choices { questions, .. } => questions
                     .iter()
                     .flat_map(|question| {
                         let label = question.label.unwrap_or(question.title);

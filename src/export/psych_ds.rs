@@ -224,7 +224,7 @@ fn texts(study: &Study) -> String {
         );
         match contents.asks {
             Asks::Nothing | Asks::Consent => {}
-            Asks::Choices(questions) => {
+            Asks::Choices { questions, .. } => {
                 for question in questions {
                     let actions: String = question
                         .actions

@@ -24,8 +24,13 @@ pub enum Asks<'a> {
     Nothing,
     /// For consent.
     Consent,
-    /// To choose actions, in file order.
-    Choices(Vec<AskedQuestion<'a>>),
+    /// To choose actions.
+    Choices {
+        /// The time limit of each question.
+        limit_ms: Option<u64>,
+        /// The questions, in file order.
+        questions: Vec<AskedQuestion<'a>>,
+    },
     /// To fill in fields.
     Fields(&'a [Field]),
 }
@@ -68,8 +73,9 @@ impl Study {
                 BlockBody::Choice(choices) => (
                     choices.start.as_ref().map(|start| start.title.as_str()),
                     choices.start.as_ref().map(|start| start.text_html.as_str()),
-                    Asks::Choices(
-                        choices
+                    Asks::Choices {
+                        limit_ms: choices.limit_ms,
+                        questions: choices
                             .questions
                             .iter()
                             .map(|question| AskedQuestion {
@@ -84,7 +90,7 @@ impl Study {
                                 ),
                             })
                             .collect(),
-                    ),
+                    },
                 ),
                 BlockBody::Form(form) => (
                     Some(form.title.as_str()),
