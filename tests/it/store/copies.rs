@@ -107,7 +107,7 @@ async fn the_doctor_finds_a_live_database_well_and_names_what_was_tampered_with(
             "update answer set action = 'accelerate' where action = 'stop'",
             "answers",
         ),
-        ("delete from step", "references"),
+        ("delete from run", "references"),
         (
             "update _sqlx_migrations set version = 9 where version = 4",
             "schema",
