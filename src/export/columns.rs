@@ -448,7 +448,7 @@ pub(super) enum StepCell {
     /// A member of what was sent.
     Member(String),
     /// Whether an attention check was passed.
-    Passed(Field),
+    Passed(Box<Field>),
 }
 
 /// The wide table's columns.
@@ -772,7 +772,7 @@ fn field_columns(block: &BlockId, field: &Field) -> Vec<WideColumn> {
                         format!("Whether this attention check was answered as it asks, with `{expected}`"),
                     )
                     .missing_as(&missing),
-                    cell: step(block, None, StepCell::Passed(field.clone())),
+                    cell: step(block, None, StepCell::Passed(Box::new(field.clone()))),
                 });
             }
         }

@@ -66,12 +66,15 @@ struct Judged {
 
 enum Moment {
     Shown(u32, Timestamp),
-    Submitted {
-        submission: Submission,
-        verdict: Verdict,
-        closed: Option<Closed>,
-        at: Timestamp,
-    },
+    Submitted(Box<Sent>),
+}
+
+/// A form with what it did.
+struct Sent {
+    submission: Submission,
+    verdict: Verdict,
+    closed: Closed,
+    at: Timestamp,
 }
 
 impl Store {
@@ -272,17 +275,17 @@ fn judge(run: &ImportedRun) -> Result<Judged, Error> {
         let judgement = facts
             .submit(&submission, KeySeen::Never, at)
             .map_err(|refusal| Error::Refused(refusal.to_string()))?;
-        if judgement.closed.is_none() {
-            return Err(Error::Refused(format!(
+        let closed = judgement.closed.ok_or_else(|| {
+            Error::Refused(format!(
                 "the answer at position {position} does not close its question"
-            )));
-        }
-        moments.push(Moment::Submitted {
+            ))
+        })?;
+        moments.push(Moment::Submitted(Box::new(Sent {
             submission,
             verdict: judgement.verdict,
-            closed: judgement.closed,
+            closed,
             at,
-        });
+        })));
         last_at = at;
     }
     Ok(Judged {
@@ -407,31 +410,25 @@ async fn answer(
                         of_server(id, *position, EventKind::Shown, *at),
                     );
                 }
-                Moment::Submitted {
-                    submission,
-                    verdict,
-                    closed,
-                    at,
-                } => {
-                    let body = Body::of(submission);
+                Moment::Submitted(sent) => {
+                    let body = Body::of(&sent.submission);
                     let text = json(&body);
                     let event = event(
                         &mut effects,
                         NewEvent {
-                            key: Some(submission.key.clone()),
+                            key: Some(sent.submission.key.clone()),
                             body_hash: Some(HEXLOWER.encode(&Sha256::digest(&text))),
-                            verdict: Some(*verdict),
+                            verdict: Some(sent.verdict),
                             body: Some(text),
-                            ..of_server(id, submission.position, EventKind::Submitted, *at)
+                            ..of_server(id, sent.submission.position, EventKind::Submitted, sent.at)
                         },
                     );
-                    if let Some(closed) = closed {
-                        closed.problem = problems.get(&(id, closed.position)).copied();
-                        count(&mut effects, import, closed, &submission.reply);
-                        effects
-                            .answers
-                            .push(NewAnswer::of(event, id, closed, Some(&body)));
-                    }
+                    let closed = &mut sent.closed;
+                    closed.problem = problems.get(&(id, closed.position)).copied();
+                    count(&mut effects, import, closed, &sent.submission.reply);
+                    effects
+                        .answers
+                        .push(NewAnswer::of(event, id, closed, Some(&body)));
                 }
             }
         }

@@ -2,12 +2,22 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Cursor, Read};
+use std::sync::Arc;
 
 use reqwest::{StatusCode, header};
+use riskaware::{
+    clock::Clock,
+    jobs::{Catalogue, Snapshot},
+    store::{Population, StudyState},
+};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 
-use crate::app::App;
+use crate::{
+    app::{App, START},
+    crowd::{Background, drives, until},
+    evidence::driving,
+};
 
 /// Three people: one finished with words that look like a formula, one is under way, one withdrew.
 async fn with_people() -> App {
@@ -179,7 +189,7 @@ async fn ids_are_left_out_unless_asked_for_and_plain_ones_only_where_they_are_st
             (name.to_owned(), text)
         })
         .collect();
-    let app = App::with(riskaware::clock::Clock::manual(crate::app::START), plain).await;
+    let app = App::with(Clock::manual(START), plain).await;
     app.participant("?PROLIFIC_PID=5f3").await;
     let wide = table(&bytes(&app, "export/wide.csv?ids=plain").await);
     assert_eq!(wide.rows[0]["platform_id"], "5f3");
@@ -376,4 +386,50 @@ async fn the_analysis_counts_final_fits_alone_and_carries_its_hash() {
     assert!(!left_out.is_empty());
     assert_eq!(analysis["study"]["hash"].as_str().unwrap().len(), 64);
     app.stop().await;
+}
+
+/// What a paper cites: two servers with the same answers, one of which fitted on the way, freeze the same bytes.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_same_answers_are_the_same_analysis() {
+    let mut analyses = Vec::new();
+    for is_live in [true, false] {
+        let app = App::with(Clock::manual(START), driving("")).await;
+        let catalogue = Catalogue::publish(&app.store, driving("")).await.unwrap();
+        let catalogue = Arc::new(catalogue);
+        let id = "driving".into();
+        let mut background = None;
+        for people in [0..3, 3..5] {
+            if is_live {
+                background.get_or_insert_with(|| Background::start(&app.store, &catalogue));
+            }
+            drives(&app.store, &catalogue, people, 2).await;
+        }
+        app.store
+            .set_study_state(&id, StudyState::Closed)
+            .await
+            .unwrap();
+        let _background = background.unwrap_or_else(|| Background::start(&app.store, &catalogue));
+        until(&app.store, async || {
+            let snapshot = Snapshot::read(&app.store, &catalogue, Population::People, &id)
+                .await
+                .unwrap()
+                .unwrap();
+            snapshot.is_final() && snapshot.comparison(&"all".into()).is_some()
+        })
+        .await;
+        let text = bytes(&app, "export/analysis.json").await;
+        let value: Value = serde_json::from_slice(&text).unwrap();
+        assert_eq!(
+            value["analysis"]["is_complete"], true,
+            "{}",
+            value["analysis"]["left_out"]
+        );
+        for fit in value["analysis"]["fits"].as_array().unwrap() {
+            assert_eq!(fit["summary"]["provisional"], false);
+            assert_eq!(fit["draws_sha256"].as_str().unwrap().len(), 64);
+        }
+        analyses.push(text);
+        app.stop().await;
+    }
+    assert!(analyses[0] == analyses[1]);
 }

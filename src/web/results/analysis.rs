@@ -31,10 +31,12 @@ struct Analysis<'a> {
     architecture: &'static str,
     simulated: bool,
     data_version: i64,
-    /// Whether every part with answers is here.
+    /// Whether every part with answers and every comparison is here.
     is_complete: bool,
     /// What is left out because it is not final, and why.
     left_out: Vec<LeftOut<'a>>,
+    /// Plans whose models are not compared yet on these fits.
+    not_compared: Vec<&'a str>,
     settings: Settings<'a>,
     fits: Vec<FrozenFit<'a>>,
     figures: Figures<'a>,
@@ -129,6 +131,12 @@ pub async fn analysis_json(
         })
         .collect();
     let study = &frozen.study;
+    let not_compared: Vec<&str> = study
+        .plans()
+        .iter()
+        .filter(|plan| frozen.comparison(&plan.id).is_none())
+        .map(|plan| plan.id.as_str())
+        .collect();
     let analysis = Analysis {
         format: 1,
         study: StudyVersion {
@@ -141,8 +149,9 @@ pub async fn analysis_json(
         architecture: std::env::consts::ARCH,
         simulated: population.is_simulated(),
         data_version: frozen.version.data_version,
-        is_complete: left_out.is_empty() && !fits.is_empty(),
+        is_complete: left_out.is_empty() && not_compared.is_empty() && !fits.is_empty(),
         left_out,
+        not_compared,
         settings: Settings {
             reference_reward: study.reference_reward(),
             samples: study.fit().samples,
