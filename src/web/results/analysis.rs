@@ -31,7 +31,7 @@ struct Analysis<'a> {
     architecture: &'static str,
     simulated: bool,
     data_version: i64,
-    /// Whether every part with answers and every comparison is here.
+    /// Whether every part with answers, every comparison and every look that is due is here.
     is_complete: bool,
     /// What is left out because it is not final, and why.
     left_out: Vec<LeftOut<'a>>,
@@ -137,6 +137,9 @@ pub async fn analysis_json(
         .filter(|plan| frozen.comparison(&plan.id).is_none())
         .map(|plan| plan.id.as_str())
         .collect();
+    let sequential = Sequential::new(&frozen);
+    let is_complete =
+        left_out.is_empty() && not_compared.is_empty() && !sequential.is_behind && !fits.is_empty();
     let analysis = Analysis {
         format: 1,
         study: StudyVersion {
@@ -149,7 +152,7 @@ pub async fn analysis_json(
         architecture: std::env::consts::ARCH,
         simulated: population.is_simulated(),
         data_version: frozen.version.data_version,
-        is_complete: left_out.is_empty() && not_compared.is_empty() && !fits.is_empty(),
+        is_complete,
         left_out,
         not_compared,
         settings: Settings {
@@ -176,7 +179,7 @@ pub async fn analysis_json(
                 .iter()
                 .map(|plan| Comparison::new(&frozen, plan))
                 .collect(),
-            sequential: Sequential::new(&frozen),
+            sequential,
         },
     };
     file(&analysis).map_err(|error| Error::Internal(error.into()))
@@ -230,7 +233,11 @@ fn file(analysis: &Analysis<'_>) -> Result<Vec<u8>, serde_json::Error> {
 fn without_times(value: &mut Value) {
     match value {
         Value::Object(members) => {
-            members.retain(|name, _| !NOT_OF_THE_DATA.contains(&name.as_str()));
+            members.retain(|name, value| {
+                // The number of a stored fit counts all fits before it.
+                let is_number_of_fit = name == "fit" && value.is_number();
+                !is_number_of_fit && !NOT_OF_THE_DATA.contains(&name.as_str())
+            });
             members.values_mut().for_each(without_times);
         }
         Value::Array(values) => values.iter_mut().for_each(without_times),
