@@ -5,7 +5,7 @@ use std::io;
 use serde::Serialize;
 
 use super::columns::{self, Column, Level};
-use super::{Export, ExportError};
+use super::{Export, ExportError, wide_columns};
 
 /// Every column of the tables.
 #[derive(Debug, Clone, Serialize)]
@@ -49,7 +49,7 @@ impl Codebook {
                 Table {
                     name: "participants",
                     rows: "one row per participant (wide form)",
-                    columns: columns::wide(export)
+                    columns: wide_columns::all(export)
                         .into_iter()
                         .map(|column| column.column)
                         .collect(),

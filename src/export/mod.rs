@@ -6,7 +6,7 @@
 //!
 //! * [`Export`]: a study's data, ready to be written in any [`Form`];
 //! * `versions`: study files as they were when people answered;
-//! * [`Codebook`] (`codebook`, `columns`): every column of the tables, from which their headers come too;
+//! * [`Codebook`] (`codebook`, `columns`, `wide_columns`): every column of the tables, from which their headers come too;
 //! * `long`, `wide`, `bonus`: the tables; `cell`: what a cell may hold;
 //! * `psych_ds`, `archive`: one archive of everything, in the form of the Psych-DS standard.
 
@@ -19,6 +19,7 @@ mod long;
 mod psych_ds;
 mod versions;
 mod wide;
+mod wide_columns;
 
 use std::io;
 use std::sync::Arc;

@@ -6,15 +6,15 @@ use std::io;
 use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
-use super::columns::{StepCell, StepKey, WideCell, WideColumn};
-use super::{Export, ExportError, columns};
+use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
+use super::{Export, ExportError, wide_columns};
 use crate::store::{ParticipantRow, RunId, RunState, StepAnswer};
 
 /// Participants that are read at once, with all of their answers.
 const PAGE_PARTICIPANTS: u32 = 200;
 
 pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
-    let columns = columns::wide(export);
+    let columns = wide_columns::all(export);
     let mut writer = csv::Writer::from_writer(out);
     writer.write_record(columns.iter().map(|column| column.column.name.as_str()))?;
     let mut count = 0;
