@@ -43,7 +43,7 @@ pub use self::{
     api::document,
     error::{ApiError, Error},
     replays::Replays,
-    results::FitReportPage,
+    results::{FitReportPage, analysis_json},
     server::serve,
 };
 use crate::{

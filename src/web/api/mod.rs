@@ -6,6 +6,7 @@ mod answers;
 mod cursor;
 mod document;
 mod draws;
+mod exports;
 mod extract;
 mod fits;
 mod page;
@@ -58,8 +59,7 @@ pub(super) fn router_of_pages() -> Router<AppState> {
         .route("/results/{study}/data/fits.json", get(fits::list))
         .route("/results/{study}/data/sweep.json", get(sweeps::share))
         .route("/results/{study}/data/gap-sweep.json", get(sweeps::gap))
-        .route("/results/{study}/data/answers.csv", get(answers::csv))
-        .route("/results/{study}/data/answers.ndjson", get(answers::ndjson))
+        .merge(exports::router_of_pages())
 }
 
 /// The description of the API, which tells nothing of any study and so is open to everybody.
@@ -78,8 +78,7 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(one))
         .routes(routes!(summary))
         .routes(routes!(answers::page))
-        .routes(routes!(answers::csv))
-        .routes(routes!(answers::ndjson))
+        .merge(exports::router())
         .routes(routes!(fits::list))
         .routes(routes!(fits::one))
         .routes(routes!(draws::arviz))
