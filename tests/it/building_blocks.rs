@@ -431,6 +431,46 @@ async fn forms_are_stored_raw_with_what_became_of_the_check() {
     nothing_disagrees(app).await;
 }
 
+#[tokio::test]
+async fn the_wide_table_has_a_column_per_option_and_item_and_scores_reversed_ones() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &WRONG).await;
+    fills(&mut person, &RIGHT).await;
+    fills(&mut person, &[("action", "b")]).await;
+    fills(&mut person, &[("dares", "5"), ("fears", "2")]).await;
+    app.participant_of("/s/blocks").await;
+
+    let csv = app.get("/api/v1/studies/blocks/export/wide.csv").await.html;
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let header = reader.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let cells = |name: &str| {
+        let column = header.iter().position(|column| column == name);
+        let column = column.unwrap_or_else(|| panic!("no column {name} in {header:?}"));
+        [&rows[0][column], &rows[1][column]]
+    };
+    for (name, expected) in [
+        ("consent.adult", ["true", ""]),
+        ("consent.archive", ["false", ""]),
+        ("check.passed", ["true", ""]),
+        ("check.attempts", ["2", ""]),
+        ("check.light", ["red", ""]),
+        ("check.cars.x", ["true", ""]),
+        ("check.cars.y", ["false", ""]),
+        ("check.cars.z", ["true", ""]),
+        ("about.dares", ["5", ""]),
+        ("about.fears", ["2", ""]),
+        ("about.fears.score", ["4", ""]),
+        ("about.height", ["", ""]),
+        ("about.status", ["answered", "not_shown"]),
+    ] {
+        assert_eq!(cells(name), expected, "{name}");
+    }
+    assert!(!header.iter().any(|name| name == "about.dares.score"));
+    nothing_disagrees(app).await;
+}
+
 async fn form_answer(app: &App, block: &str, field: &str) -> Vec<(Option<String>, u64)> {
     app.store
         .form_answers(
