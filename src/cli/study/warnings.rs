@@ -175,9 +175,7 @@ fn texts(study: &Study) -> Vec<String> {
     if study.completion().text_html.trim().is_empty() {
         warnings.push("completion.text: it is empty".to_owned());
     }
-    if study.completion().code == CompletionCode::PerRun
-        && study.completion().redirect_url("").is_some()
-    {
+    if study.completion().code == CompletionCode::PerRun && study.completion().redirect.is_some() {
         warnings.push(
             "completion: a redirect without a fixed `code`; recruiting sites know only codes that they were told"
                 .to_owned(),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use axum::{
-    Json,
+    Extension, Json,
     extract::{Form, Path, State, rejection::FormRejection},
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Redirect, Response},
@@ -14,9 +14,11 @@ use serde::Serialize;
 use super::{
     Looking,
     arrival::read_token,
+    framed,
     pages::{
-        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
-        PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
+        BonusText, ChoicePage, ConsentPage, ExternalSubmit, FormPage, InfoPage, LaterWithdrawal,
+        NotePage, Outcome, PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink,
+        ThanksPage, WayBack, scene,
     },
     withdrawal::{gone, withdrawn},
 };
@@ -28,10 +30,10 @@ use crate::{
         Token, Verdict,
     },
     study::{
-        CompletionCode, Ending, Step, StepPlan, Study, Timestamp,
+        CompletionCode, Ending, LinkParameter, Step, StepPlan, Study, Timestamp,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
-    web::{AppState, Error, Replays, Settings, replays},
+    web::{AppState, Error, Replays, Settings, headers::SubmitsTo, replays},
 };
 
 /// GET `/r/TOKEN`: the page that this person is at.
@@ -45,7 +47,9 @@ pub(super) async fn current(
         Err(store::Error::NotFound("run")) => return Ok(gone()),
         found => found?,
     };
-    pages.page(&token, &run, Rejected::default()).await
+    let study = pages.study(&run)?;
+    let page = pages.page(&token, &run, &study, Rejected::default()).await;
+    Ok(framed(&study, page))
 }
 
 /// POST `/r/TOKEN`: an answer to one step. It is on disk before this is answered.
@@ -61,42 +65,9 @@ pub(super) async fn answer(
     if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
-    let position = field(&fields, "step")?
-        .parse()
-        .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
-    let key = field(&fields, "key")?.to_owned();
-    let submission = match pages.submission(&run, position, key, &fields).await? {
-        Ok(submission) => submission,
-        // What is wrong with a step that is closed matters to nobody.
-        Err(_)
-            if run
-                .step
-                .as_ref()
-                .is_none_or(|current| position < current.position) =>
-        {
-            return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
-        }
-        Err(errors) => {
-            // The page that carries the messages is looked at like any other: a timed question's clock starts.
-            let run = pages.store.visit(&token).await?;
-            let page = pages
-                .page(&token, &run, Rejected { fields, errors })
-                .await?;
-            return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
-        }
-    };
-    let submitted = pages.store.submit_on(&token, run.run, submission).await?;
-    let status = match submitted.verdict {
-        Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
-        Verdict::Answered
-        | Verdict::Late
-        | Verdict::TimedOut
-        | Verdict::Skipped
-        | Verdict::Wrong
-        | Verdict::Early
-        | Verdict::Retry => StatusCode::OK,
-    };
-    Ok(led_on(&headers, &token, status, Some(submitted.receipt)))
+    let study = pages.study(&run)?;
+    let answer = pages.take(&token, &run, &study, &headers, fields).await;
+    Ok(framed(&study, answer))
 }
 
 /// What a page's script is told about the form that it sent.
@@ -180,16 +151,63 @@ impl axum::extract::FromRef<AppState> for RunPages {
 }
 
 impl RunPages {
+    /// Stores an answer to one step, or sends its form back.
+    async fn take(
+        &self,
+        token: &Token,
+        run: &RunView,
+        study: &Study,
+        headers: &HeaderMap,
+        fields: Fields,
+    ) -> Result<Response, Error> {
+        let position = field(&fields, "step")?
+            .parse()
+            .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
+        let key = field(&fields, "key")?.to_owned();
+        let submission = match self.submission(run, study, position, key, &fields).await? {
+            Ok(submission) => submission,
+            // What is wrong with a step that is closed matters to nobody.
+            Err(_)
+                if run
+                    .step
+                    .as_ref()
+                    .is_none_or(|current| position < current.position) =>
+            {
+                return Ok(led_on(headers, token, StatusCode::CONFLICT, None));
+            }
+            Err(errors) => {
+                // The page that carries the messages is looked at like any other: a timed question's clock starts.
+                let run = self.store.visit(token).await?;
+                let page = self
+                    .page(token, &run, study, Rejected { fields, errors })
+                    .await?;
+                return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
+            }
+        };
+        let submitted = self.store.submit_on(token, run.run, submission).await?;
+        let status = match submitted.verdict {
+            Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
+            Verdict::Answered
+            | Verdict::Late
+            | Verdict::TimedOut
+            | Verdict::Skipped
+            | Verdict::Wrong
+            | Verdict::Early
+            | Verdict::Retry => StatusCode::OK,
+        };
+        Ok(led_on(headers, token, status, Some(submitted.receipt)))
+    }
+
     /// What a form says, or why the step that it answers does not take it.
     async fn submission(
         &self,
         run: &RunView,
+        study: &Study,
         position: u32,
         key: String,
         fields: &Fields,
     ) -> Result<Result<Submission, Vec<FieldError>>, Error> {
         let plan = self.store.step(run.run, position).await?;
-        let study = self.study(run)?;
         let step = study.step(&plan)?;
         let consent_version = match &step {
             Step::Consent(consent) => Some(consent.version.to_owned()),
@@ -276,21 +294,21 @@ impl RunPages {
         &self,
         token: &Token,
         run: &RunView,
+        study: &Study,
         rejected: Rejected,
     ) -> Result<Response, Error> {
         let Some(shown) = &run.step else {
             return Ok(withdrawn().into_response());
         };
-        let study = self.study(run)?;
         let step = study.step(&shown.plan)?;
         match (run.state, step) {
             (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
-            (RunState::Declined, _) => declined(&study),
-            (RunState::ScreenedOut, _) => self.ended(token, run, &study, Ending::ScreenedOut).await,
-            (RunState::FailedCheck, _) => self.ended(token, run, &study, Ending::FailedCheck).await,
-            (RunState::TimedOut, _) => self.ended(token, run, &study, Ending::TimedOut).await,
+            (RunState::Declined, _) => declined(study),
+            (RunState::ScreenedOut, _) => self.ended(token, run, study, Ending::ScreenedOut).await,
+            (RunState::FailedCheck, _) => self.ended(token, run, study, Ending::FailedCheck).await,
+            (RunState::TimedOut, _) => self.ended(token, run, study, Ending::TimedOut).await,
             (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
-                self.ended(token, run, &study, Ending::Completed).await
+                self.ended(token, run, study, Ending::Completed).await
             }
             (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
                 run: self.link(token, run, shown),
@@ -376,7 +394,7 @@ impl RunPages {
                 CompletionCode::Absent => None,
             };
             Outcome::Finished {
-                redirect: page.redirect_url(code.as_deref().unwrap_or_default()),
+                way_back: self.way_back(run, study, ending, code.as_deref()).await?,
                 code,
                 stored: stored.answers,
                 bonus: self.bonus(run, study).await?,
@@ -384,7 +402,8 @@ impl RunPages {
         } else {
             Outcome::AlreadyTaken
         };
-        Ok(ThanksPage {
+        let submits_to = outcome.submits_to();
+        let page = ThanksPage {
             token,
             ending: page,
             outcome,
@@ -393,8 +412,37 @@ impl RunPages {
                 address: self.withdrawal_address(token),
                 until: study.recruiting().retention.map(last_day),
             }),
+        };
+        Ok(match submits_to {
+            Some(site) => (Extension(SubmitsTo(site)), page).into_response(),
+            None => page.into_response(),
+        })
+    }
+
+    /// How somebody who has finished gets back to the site that sent them: to MTurk by a form, where the link named the
+    /// assignment and who takes it; elsewhere by the study's link.
+    async fn way_back(
+        &self,
+        run: &RunView,
+        study: &Study,
+        ending: Ending,
+        code: Option<&str>,
+    ) -> Result<Option<WayBack>, Error> {
+        let came_with = self.store.recruiting_parameters(run.run).await?;
+        let parameter = |named: LinkParameter| came_with.get(named.name());
+        let assignment = parameter(LinkParameter::MturkAssignment);
+        let site = parameter(LinkParameter::MturkSubmitTo)
+            .and_then(|site| study.recruiting().mturk.taking_site(site).ok());
+        if let (Some(assignment), Some(site)) = (assignment, site) {
+            return Ok(Some(WayBack::Submit(ExternalSubmit {
+                site: site.to_owned(),
+                assignment: assignment.clone(),
+                ending: ending.as_str(),
+            })));
         }
-        .into_response())
+        let target = study.ending(ending).redirect.as_ref();
+        let address = target.and_then(|target| target.address(code, &came_with));
+        Ok(address.map(WayBack::Link))
     }
 
     /// What is paid beside the fee, and which choice it comes from.
