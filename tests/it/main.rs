@@ -19,6 +19,7 @@ mod fit_files;
 mod predict;
 mod program;
 mod recover;
+mod recruiting;
 mod refit;
 mod results;
 mod results_reading;

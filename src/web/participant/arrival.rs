@@ -79,7 +79,7 @@ async fn look(
     let state = studies.iter().find(|row| row.id == *study.id());
     if state.is_none_or(|row| row.state != StudyState::Open) {
         return Err(Error::Closed(format!(
-            "study {} takes nobody in",
+            "study {} takes nobody in at the moment",
             study.id()
         )));
     }
