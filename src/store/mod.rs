@@ -13,10 +13,13 @@
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
+//! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
+//! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod accounts;
 mod answers;
+mod backup;
 mod batch;
 mod bonuses;
 mod check;
@@ -24,13 +27,16 @@ mod checkpoints;
 mod comparisons;
 mod counts;
 mod disk;
+mod doctor;
 mod effects;
 mod error;
 mod fits;
+mod import;
 mod job;
 mod load;
 mod names;
 mod open;
+mod participants;
 mod rules;
 mod runs;
 mod sharing;
@@ -45,6 +51,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use sha2::{Digest, Sha256};
+use sqlx::Connection;
 use sqlx::sqlite::SqlitePool;
 use tokio::sync::{Mutex, broadcast, mpsc};
 use tokio::task::JoinHandle;
@@ -56,21 +63,25 @@ pub use accounts::{
     TokenState,
 };
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
+pub use backup::{CopyError, back_up, restore};
 pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
+pub use doctor::{Finding, Health, examine};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
+pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
     AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
     Verdict, VersionId,
 };
+pub use participants::{ParticipantRow, StepAnswer};
 pub use rules::Submission;
-pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
+pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
@@ -275,6 +286,40 @@ impl Store {
             close,
             writer: Mutex::new(Some(writer)),
             _lock: lock,
+        };
+        Ok(Self {
+            pool,
+            shared: Arc::new(shared),
+        })
+    }
+
+    /// Opens a database for reading, also beside a server that uses it: nothing is locked, migrated or written, and
+    /// whatever would write is refused as if the server were shutting down.
+    ///
+    /// # Errors
+    /// When there is no such database, or its schema is not that of this program.
+    pub async fn open_to_read(path: impl Into<PathBuf>, clock: Clock) -> Result<Self, OpenError> {
+        let path = path.into();
+        open::require_file(&path)?;
+        open::require_schema(&path).await?;
+        let mut connection = open::reading_connection(&path).await?;
+        let secret = open::stored_secret(&mut connection, &path).await?;
+        let closed = connection.close().await;
+        closed.map_err(open::at(&path))?;
+        let pool = open::read_only_pool(&path, 2).await?;
+        // Nobody receives: each job is refused.
+        let (jobs, _) = mpsc::channel(1);
+        let (changes, _) = broadcast::channel(1);
+        let shared = Shared {
+            path,
+            clock,
+            secret,
+            jobs,
+            changes,
+            health: writer::Health::default(),
+            close: CancellationToken::new(),
+            writer: Mutex::new(None),
+            _lock: None,
         };
         Ok(Self {
             pool,
@@ -555,6 +600,21 @@ impl Store {
     /// What stands for a recruiting id in a study that stores no plain ones.
     pub fn recruiting_id(&self, study: &StudyId, parameter: &str, value: &str) -> String {
         self.shared.secret.recruiting_id(study, parameter, value)
+    }
+
+    /// The id that a recruiting platform gave to a participant, where the study stored it as it came: the one among the
+    /// link's parameters whose keyed hash is the participant's.
+    pub fn plain_platform_id<'a>(
+        &self,
+        study: &StudyId,
+        participant: &'a ParticipantRow,
+    ) -> Option<&'a str> {
+        let platform = participant.platform.as_deref()?;
+        let key = participant.platform_key.as_deref()?;
+        let mut values = participant.recruiting.values();
+        values
+            .find(|value| self.shared.secret.platform_key(study, platform, value) == key)
+            .map(String::as_str)
     }
 
     /// The completion code of a run whose study gives each run its own.
