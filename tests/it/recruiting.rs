@@ -160,6 +160,29 @@ fn a_redirect_cannot_name_what_is_stored_under_a_hash() {
     assert!(error.key().starts_with("recruiting.mturk.sites"), "{error}");
 }
 
+/// Each example of the document, in a study that has the same blocks.
+#[test]
+fn the_examples_of_the_document_parse() {
+    let document = include_str!("../../docs/RECRUITING.md");
+    let (blocks, endings) = STUDY.split_at(STUDY.find("[completion]").unwrap());
+    let (endings, _) = endings.split_at(endings.find("[recruiting]").unwrap());
+    let mut examples = 0;
+    for example in document.split("```toml\n").skip(1) {
+        let (example, _) = example.split_once("```").unwrap();
+        let endings = if example.contains("[completion]") {
+            ""
+        } else {
+            endings
+        };
+        let text = format!("{blocks}\n{endings}\n{example}");
+        if let Err(error) = Study::parse("example.toml", &text) {
+            panic!("{error}\n{example}");
+        }
+        examples += 1;
+    }
+    assert!(examples > 2, "{examples} examples");
+}
+
 #[tokio::test]
 async fn a_look_at_a_hit_shows_the_landing_page_and_takes_nothing() {
     let app = serve(FRAMED).await;
