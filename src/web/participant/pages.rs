@@ -344,7 +344,7 @@ pub(super) enum Outcome {
         code: Option<String>,
         way_back: Option<WayBack>,
         stored: u32,
-        bonus: Option<BonusText>,
+        bonus: Option<Box<BonusText>>,
     },
     /// To another link of the same person.
     AlreadyTaken,

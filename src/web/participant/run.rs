@@ -397,7 +397,7 @@ impl RunPages {
                 way_back: self.way_back(run, study, ending, code.as_deref()).await?,
                 code,
                 stored: stored.answers,
-                bonus: self.bonus(run, study).await?,
+                bonus: self.bonus(run, study).await?.map(Box::new),
             }
         } else {
             Outcome::AlreadyTaken
