@@ -2,6 +2,7 @@
 
 mod arrival;
 mod device;
+mod ending;
 mod pages;
 mod recruiting;
 mod run;
