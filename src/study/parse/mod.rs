@@ -63,7 +63,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
     };
     let scope = design.scope();
     let endings = keep(
-        endings::read(&raw.completion, &scope),
+        endings::read(&raw.completion, recruiting::ids(&raw.recruiting), &scope),
         &document,
         &mut errors,
     );
