@@ -148,11 +148,7 @@ pub const ROUTES: &[Route] = &[
         Rule::Shared,
         "look at sequential",
     ),
-    route(
-        "/results/{study}/data/fits.json",
-        Rule::Shared,
-        "look at fits",
-    ),
+    route("/results/{study}/data/fits.json", RESULTS, "look at fits"),
     route(
         "/results/{study}/data/sweep.json",
         Rule::Shared,
@@ -192,10 +188,11 @@ pub const ROUTES: &[Route] = &[
         DATA,
         "export answers.ndjson",
     ),
-    route("/api/v1/studies/{study}/fits", Rule::Shared, "look at fits"),
+    // Single fits and their history hold counts of few people: they are no aggregates for everybody.
+    route("/api/v1/studies/{study}/fits", RESULTS, "look at fits"),
     route(
         "/api/v1/studies/{study}/fits/{fit}",
-        Rule::Shared,
+        RESULTS,
         "look at a fit",
     ),
     route(
