@@ -13,6 +13,8 @@
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
+//! * `progress`, `quality`: what researchers watch while a study runs: steps, times, participants and what is notable
+//!   about them,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod accounts;
@@ -31,6 +33,8 @@ mod job;
 mod load;
 mod names;
 mod open;
+mod progress;
+mod quality;
 mod rules;
 mod runs;
 mod sharing;
@@ -69,6 +73,8 @@ pub use names::{
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
     Verdict, VersionId,
 };
+pub use progress::{LEFT_AFTER_MS, StepProgress};
+pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, ParticipantRow};
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
 pub use studies::{StudyRow, StudyVersion};
@@ -461,6 +467,22 @@ impl Store {
         }
         let now = self.now();
         self.wait_for(|ticket| Job::Rare(Rare::Withdraw(view.run, now, ticket)))
+            .await
+    }
+
+    /// Erases a run as [`Store::withdraw`] does, for somebody who asked for it in another way than by their link.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study.
+    pub async fn erase(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<(), Error> {
+        self.run_state(study, population, run).await?;
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::Withdraw(run, now, ticket)))
             .await
     }
 

@@ -14,6 +14,7 @@ mod participant;
 mod replays;
 mod results;
 mod server;
+mod studies;
 
 use std::{
     net::{IpAddr, SocketAddr},
@@ -129,6 +130,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .merge(participant::router())
         .merge(replays::router())
         .merge(accounts::router())
+        .merge(studies::router())
         .merge(results::router())
         .merge(api::router())
         .merge(api::router_of_pages())

@@ -87,7 +87,31 @@ pub const ROUTES: &[Route] = &[
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
     // Studies.
+    route("/studies", RESULTS, "list the studies"),
+    route("/studies/{study}", RESULTS, "watch the study"),
+    route(
+        "/studies/{study}/data/progress.html",
+        RESULTS,
+        "watch the study",
+    ),
+    route("/studies/{study}/state", MANAGE, "change the study's state"),
+    route(
+        "/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route(
+        "/studies/{study}/participants/{run}/erase",
+        MANAGE,
+        "ask to erase a participant",
+    ),
+    route("/studies/{study}/links", DATA, "open the links"),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
+    route(
+        "/studies/{study}/preview/start",
+        MANAGE,
+        "preview the study in a condition",
+    ),
     // Accounts.
     route("/setup/{token}", Rule::Open, ""),
     route("/login", Rule::Open, ""),
@@ -277,7 +301,7 @@ mod tests {
                 for call in calls.filter(|call| call.starts_with('/')) {
                     let path = &call[..call.find('"').expect("a path ends")];
                     // The API's own router is nested; all its paths begin so.
-                    let is_nested = path.starts_with("/studies");
+                    let is_nested = folder.ends_with("web/api") && path.starts_with("/studies");
                     let prefix = if is_nested { "/api/v1" } else { "" };
                     found.insert(format!("{prefix}{path}"));
                 }

@@ -35,7 +35,7 @@ pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
-    format::rfc3339,
+    format::{count, rfc3339},
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };
