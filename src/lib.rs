@@ -7,6 +7,8 @@
 //! * [`study`]: study files, the steps of a run, and the rules of time limits.
 //! * [`planning`]: tables at which a person and a robot work at the same time; replays of simulated ones.
 //! * [`store`]: the database, and the one writer through which answers enter it.
+//! * [`export`]: a study's data as files: CSV, NDJSON, codebook, one archive of all.
+//! * [`import`]: answers from elsewhere, read from files.
 //! * [`jobs`]: refits, and the closing of questions whose time ran out.
 //! * [`web`]: participant pages, results pages, JSON API.
 //! * [`cli`]: the commands of the `riskaware` binary.
@@ -15,6 +17,8 @@
 pub mod chance;
 pub mod cli;
 pub mod clock;
+pub mod export;
+pub mod import;
 pub mod inference;
 pub mod jobs;
 pub mod model;

@@ -1,15 +1,19 @@
 //! The commands of the `riskaware` binary.
 
 mod accounts;
+mod backup;
 mod calibrate;
 mod choice_files;
 mod demo;
+mod doctor;
+mod export;
 mod fit;
 mod fit_comparison;
 mod fit_files;
 mod fit_source;
 mod fit_table;
 mod health;
+mod import;
 mod load;
 mod output;
 mod parallel;
@@ -85,6 +89,16 @@ enum Command {
     User(accounts::user::UserArgs),
     /// Make and revoke tokens of the API
     Token(accounts::token::TokenArgs),
+    /// Write a study's data to a file, also while a server takes answers
+    Export(export::Arguments),
+    /// Copy a database, also while a server uses it
+    Backup(backup::BackupArguments),
+    /// Check a copy and make a database of it
+    Restore(backup::RestoreArguments),
+    /// Check a database, and tell what to do where something is wrong
+    Doctor(doctor::Arguments),
+    /// Store answers from elsewhere, all of a file or none
+    Import(import::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
 }
@@ -136,6 +150,11 @@ impl Command {
             Self::Study(command) => study::run(command),
             Self::User(args) => block_on(accounts::user::run(args)),
             Self::Token(args) => block_on(accounts::token::run(args)),
+            Self::Export(arguments) => block_on(export::run(arguments)),
+            Self::Backup(arguments) => block_on(backup::back_up(arguments)),
+            Self::Restore(arguments) => block_on(backup::restore(arguments)),
+            Self::Doctor(arguments) => runtime()?.block_on(doctor::run(arguments)),
+            Self::Import(arguments) => block_on(import::run(arguments)),
             Self::Health(args) => block_on(health::run(args)),
         }
     }
@@ -157,9 +176,12 @@ fn in_full(error: &anyhow::Error) -> String {
 }
 
 fn block_on(command: impl Future<Output = anyhow::Result<()>>) -> anyhow::Result<ExitCode> {
+    runtime()?.block_on(command)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_multi_thread()
         .enable_all()
-        .build()?
-        .block_on(command)?;
-    Ok(ExitCode::SUCCESS)
+        .build()
 }

@@ -7,7 +7,7 @@ use std::{
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, StudyState, VersionId},
+    store::{self, Store, StudyRow, StudyState, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
@@ -85,12 +85,28 @@ impl Catalogue {
             served.add(version, Arc::new(study));
         }
         served.add_stored(store).await?;
-        Ok(Self {
+        Ok(Self::of(served))
+    }
+
+    /// The studies as they are stored, for commands that only read a database.
+    ///
+    /// # Errors
+    /// When a stored file is not readable any more, or the database fails.
+    pub async fn stored(store: &Store) -> Result<Self, CatalogueError> {
+        let mut served = Served::default();
+        for row in store.studies().await? {
+            served.add_versions(store, &row).await?;
+        }
+        Ok(Self::of(served))
+    }
+
+    fn of(served: Served) -> Self {
+        Self {
             served: RwLock::new(Arc::new(served)),
             file_errors: RwLock::default(),
             snapshots: SnapshotCache::default(),
             live_fits: LiveFits::default(),
-        })
+        }
     }
 
     /// Makes a study the current version of itself while the server runs. People under way go on with theirs.
@@ -189,18 +205,23 @@ impl Served {
             if self.current.iter().any(|(_, study)| *study.id() == row.id) {
                 continue;
             }
-            for stored in store.study_versions(&row.id).await? {
-                let study = Study::parse(
-                    &format!("version {} of {}", stored.id, row.id),
-                    &stored.text,
-                )?;
-                let study = Arc::new(study);
-                self.versions.insert(stored.id, study.clone());
-                if stored.id == row.version {
-                    self.current.push((stored.id, study));
-                }
-            }
+            self.add_versions(store, &row).await?;
             tracing::warn!(study = %row.id, "no file describes this study any more; it is served as it was stored");
+        }
+        Ok(())
+    }
+
+    async fn add_versions(&mut self, store: &Store, row: &StudyRow) -> Result<(), CatalogueError> {
+        for stored in store.study_versions(&row.id).await? {
+            let study = Study::parse(
+                &format!("version {} of {}", stored.id, row.id),
+                &stored.text,
+            )?;
+            let study = Arc::new(study);
+            self.versions.insert(stored.id, study.clone());
+            if stored.id == row.version {
+                self.current.push((stored.id, study));
+            }
         }
         Ok(())
     }

@@ -45,7 +45,7 @@ pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
 pub use plan_comparison::PlanComparison;
-pub use snapshot::{Blind, PartFit, PartState, Snapshot, Version};
+pub use snapshot::{Blind, NotFinal, PartFit, PartState, Snapshot, Version};
 pub use study_folder::{FolderError, Prepare, StudyFolder};
 pub use sweep_problems::{SweptProblem, swept_problems};
 pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};

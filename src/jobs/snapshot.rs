@@ -126,6 +126,22 @@ pub enum PartState {
     Failed,
 }
 
+/// Why a part has no fit that can be cited.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NotFinal {
+    /// There is none yet.
+    Missing,
+    /// Newer answers wait to be fitted.
+    Behind,
+    /// It started from the fit before it.
+    Provisional,
+    /// Its chains do not agree.
+    Unconverged,
+    /// It broke off.
+    Failed,
+}
+
 impl PartState {
     /// Its name in JSON.
     pub fn as_str(self) -> &'static str {
@@ -305,6 +321,26 @@ impl Snapshot {
         fitted.peek().is_some() && fitted.all(|part| !part.is_behind && !part.is_provisional())
     }
 
+    /// The same with final fits alone, as they are to be cited, and the parts with answers that are missing in it.
+    pub fn final_alone(&self) -> (Self, Vec<(&PartFit, NotFinal)>) {
+        let left_out: Vec<_> = self
+            .fits
+            .iter()
+            .filter_map(|part| Some((part, part.why_not_final()?)))
+            .collect();
+        let mut frozen = self.clone();
+        for part in &mut frozen.fits {
+            if part.why_not_final().is_some() {
+                (part.fit, part.report, part.draws) = (None, None, None);
+                part.state = PartState::Running;
+            }
+        }
+        frozen
+            .comparisons
+            .retain(|comparison| !comparison.is_behind);
+        (frozen, left_out)
+    }
+
     /// Whose answers the study analyses.
     pub fn analysis_set(&self) -> AnalysisSet {
         analysis_set(&self.study)
@@ -405,6 +441,23 @@ impl PartFit {
     /// Whether the fit depends on the fits before it; a final one follows once the study is idle.
     pub fn is_provisional(&self) -> bool {
         self.fit.as_ref().is_some_and(|fit| fit.is_provisional)
+    }
+
+    /// Why the fit is none to be cited; none for a final one, and where nobody has answered.
+    fn why_not_final(&self) -> Option<NotFinal> {
+        match self.state {
+            PartState::Waiting => None,
+            PartState::Running => Some(NotFinal::Missing),
+            PartState::Failed => Some(NotFinal::Failed),
+            PartState::Converged | PartState::Unconverged if self.is_behind => {
+                Some(NotFinal::Behind)
+            }
+            PartState::Converged | PartState::Unconverged if self.is_provisional() => {
+                Some(NotFinal::Provisional)
+            }
+            PartState::Unconverged => Some(NotFinal::Unconverged),
+            PartState::Converged => None,
+        }
     }
 
     /// The fit's draws, where this server made it; others are in the store.

@@ -46,14 +46,14 @@ impl Lock {
 }
 
 /// A file that lies beside the database, such as its write-ahead log.
-fn with_suffix(database: &Path, suffix: &str) -> PathBuf {
+pub(super) fn with_suffix(database: &Path, suffix: &str) -> PathBuf {
     let mut path = OsString::from(database);
     path.push(suffix);
     path.into()
 }
 
-/// Refuses network file systems and nearly full disks.
-pub(super) fn require_trustworthy(database: &Path) -> Result<(), OpenError> {
+/// Refuses network file systems and nearly full disks. Returns the free space in MiB.
+pub(super) fn require_trustworthy(database: &Path) -> Result<u64, OpenError> {
     let folder = match database.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         Some(_) | None => Path::new("."),
@@ -89,7 +89,7 @@ pub(super) fn require_trustworthy(database: &Path) -> Result<(), OpenError> {
             least_mib: LEAST_FREE_MIB,
         });
     }
-    Ok(())
+    Ok(free_mib)
 }
 
 #[derive(Debug, PartialEq, Eq)]

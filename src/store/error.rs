@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use super::CopyError;
 use crate::study::NotAdmitted;
 
 /// Why the store did not do what it was asked for.
@@ -89,7 +90,7 @@ pub(super) fn fault(err: &sqlx::Error) -> Fault {
     }
 }
 
-/// Why a database cannot be served.
+/// Why a database cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum OpenError {
     /// Another server holds it.
@@ -105,7 +106,10 @@ pub enum OpenError {
     #[error("{} is not a riskaware database", .0.display())]
     NoSchema(PathBuf),
     /// A later program migrated it.
-    #[error("database {} has schema {found} of a later riskaware; this one knows schemas up to {known}", path.display())]
+    #[error(
+        "database {} has schema {found} of a later riskaware; this one knows schemas up to {known}. Use the later program, or restore a backup from before its upgrade (it kept one beside the database, named *.before-schema-{found})",
+        path.display()
+    )]
     LaterSchema {
         /// The database.
         path: PathBuf,
@@ -167,6 +171,14 @@ pub enum OpenError {
         found: String,
         /// What it must be.
         wanted: &'static str,
+    },
+    /// Without a copy nothing is migrated.
+    #[error("database {} is not upgraded, because no copy of it can be kept: {source}", path.display())]
+    NoCopy {
+        /// The database.
+        path: PathBuf,
+        /// Why not.
+        source: Box<CopyError>,
     },
     /// The schema could not be brought up to date.
     #[error("migration: {0}")]

@@ -6,6 +6,7 @@ use super::accounts::AccountChange;
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
 use super::fits::NewFit;
+use super::import::Import;
 use super::token::TokenHash;
 use super::{
     Error, Population, RunId, Started, StudyState, Submission, Submitted, Token, VersionId,
@@ -71,6 +72,7 @@ pub(super) enum Rare {
     ForgetArrivals(Timestamp, Ticket<u64>),
     ForgetPeople(StudyId, Timestamp, Ticket<u64>),
     Account(Box<AccountChange>, Timestamp, Ticket<i64>),
+    Import(Box<Import>, Ticket<u64>),
 }
 
 #[derive(Debug)]
@@ -203,9 +205,11 @@ impl Job {
             ) => ticket.deliver(),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
-            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
-                ticket.deliver()
-            }
+            Self::Rare(
+                Rare::ForgetArrivals(_, ticket)
+                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::Import(_, ticket),
+            ) => ticket.deliver(),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
         }
     }
@@ -225,9 +229,11 @@ impl Job {
             ) => ticket.fail(err),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
-            Self::Rare(Rare::ForgetArrivals(_, ticket) | Rare::ForgetPeople(_, _, ticket)) => {
-                ticket.fail(err)
-            }
+            Self::Rare(
+                Rare::ForgetArrivals(_, ticket)
+                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::Import(_, ticket),
+            ) => ticket.fail(err),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),
         }
     }

@@ -15,10 +15,13 @@
 //!   group of tables,
 //! * `progress`, `quality`: what researchers watch while a study runs: steps, times, participants and what is notable
 //!   about them,
+//! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
+//! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
 
 mod accounts;
 mod answers;
+mod backup;
 mod batch;
 mod bonuses;
 mod check;
@@ -26,13 +29,16 @@ mod checkpoints;
 mod comparisons;
 mod counts;
 mod disk;
+mod doctor;
 mod effects;
 mod error;
 mod fits;
+mod import;
 mod job;
 mod load;
 mod names;
 mod open;
+mod participants;
 mod progress;
 mod quality;
 mod rules;
@@ -49,6 +55,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use sha2::{Digest, Sha256};
+use sqlx::Connection;
 use sqlx::sqlite::SqlitePool;
 use tokio::sync::{Mutex, broadcast, mpsc};
 use tokio::task::JoinHandle;
@@ -60,23 +67,27 @@ pub use accounts::{
     TokenState,
 };
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
+pub use backup::{CopyError, back_up, restore};
 pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};
 pub use comparisons::{Comparison, NewComparison};
 pub use counts::{CellCount, Pattern, Totals};
+pub use doctor::{Finding, Health, examine};
 pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
+pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
     AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
     Verdict, VersionId,
 };
+pub use participants::{ParticipantRow, StepAnswer};
 pub use progress::{LEFT_AFTER_MS, StepProgress};
-pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, ParticipantRow};
+pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, WatchedParticipant};
 pub use rules::Submission;
-pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run};
+pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
@@ -281,6 +292,40 @@ impl Store {
             close,
             writer: Mutex::new(Some(writer)),
             _lock: lock,
+        };
+        Ok(Self {
+            pool,
+            shared: Arc::new(shared),
+        })
+    }
+
+    /// Opens a database for reading, also beside a server that uses it: nothing is locked, migrated or written, and
+    /// whatever would write is refused as if the server were shutting down.
+    ///
+    /// # Errors
+    /// When there is no such database, or its schema is not that of this program.
+    pub async fn open_to_read(path: impl Into<PathBuf>, clock: Clock) -> Result<Self, OpenError> {
+        let path = path.into();
+        open::require_file(&path)?;
+        open::require_schema(&path).await?;
+        let mut connection = open::reading_connection(&path).await?;
+        let secret = open::stored_secret(&mut connection, &path).await?;
+        let closed = connection.close().await;
+        closed.map_err(open::at(&path))?;
+        let pool = open::read_only_pool(&path, 2).await?;
+        // Nobody receives: each job is refused.
+        let (jobs, _) = mpsc::channel(1);
+        let (changes, _) = broadcast::channel(1);
+        let shared = Shared {
+            path,
+            clock,
+            secret,
+            jobs,
+            changes,
+            health: writer::Health::default(),
+            close: CancellationToken::new(),
+            writer: Mutex::new(None),
+            _lock: None,
         };
         Ok(Self {
             pool,
@@ -577,6 +622,21 @@ impl Store {
     /// What stands for a recruiting id in a study that stores no plain ones.
     pub fn recruiting_id(&self, study: &StudyId, parameter: &str, value: &str) -> String {
         self.shared.secret.recruiting_id(study, parameter, value)
+    }
+
+    /// The id that a recruiting platform gave to a participant, where the study stored it as it came: the one among the
+    /// link's parameters whose keyed hash is the participant's.
+    pub fn plain_platform_id<'a>(
+        &self,
+        study: &StudyId,
+        participant: &'a ParticipantRow,
+    ) -> Option<&'a str> {
+        let platform = participant.platform.as_deref()?;
+        let key = participant.platform_key.as_deref()?;
+        let mut values = participant.recruiting.values();
+        values
+            .find(|value| self.shared.secret.platform_key(study, platform, value) == key)
+            .map(String::as_str)
     }
 
     /// The completion code of a run whose study gives each run its own.

@@ -1,5 +1,6 @@
 //! Opening a database: settings that durability rests on, the schema, the server's secret.
 
+use std::cmp::Ordering;
 use std::path::Path;
 use std::time::Duration;
 
@@ -12,8 +13,9 @@ use sqlx::sqlite::{
 };
 use sqlx::{ConnectOptions, Connection};
 
-use super::OpenError;
+use super::disk::with_suffix;
 use super::token::Secret;
+use super::{OpenError, backup};
 use crate::study::Timestamp;
 
 static MIGRATIONS: Migrator = sqlx::migrate!("./migrations");
@@ -96,7 +98,65 @@ fn require(name: &'static str, found: String, wanted: &'static str) -> Result<()
     }
 }
 
-/// Brings the schema up to date.
+/// A connection that changes nothing, to a database that may be in use or none of ours.
+pub(super) async fn reading_connection(path: &Path) -> Result<SqliteConnection, OpenError> {
+    reading_settings(path).connect().await.map_err(at(path))
+}
+
+/// The settings of a connection that does not even set a pragma that is stored in the file.
+fn reading_settings(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .read_only(true)
+        .busy_timeout(BUSY_TIMEOUT)
+        .disable_statement_logging()
+}
+
+/// The connections of a command that only reads; see [`reading_pool`] for those of a server.
+pub(super) async fn read_only_pool(path: &Path, connections: u32) -> Result<SqlitePool, OpenError> {
+    SqlitePoolOptions::new()
+        .max_connections(connections)
+        .acquire_timeout(BUSY_TIMEOUT)
+        .connect_with(reading_settings(path))
+        .await
+        .map_err(at(path))
+}
+
+/// The schema of a database beside the one that this program works with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Schema {
+    /// No tables of ours.
+    None,
+    /// To be migrated.
+    Older(i64),
+    /// The one.
+    Current,
+    /// Of a newer program.
+    Newer(i64),
+}
+
+/// The number of the newest schema that this program knows.
+pub(super) fn newest_schema() -> i64 {
+    MIGRATIONS
+        .iter()
+        .map(|migration| migration.version)
+        .max()
+        .unwrap_or(0)
+}
+
+/// Which schema a database has.
+pub(super) async fn schema(connection: &mut SqliteConnection) -> Result<Schema, sqlx::Error> {
+    Ok(match schema_version(connection).await? {
+        None => Schema::None,
+        Some(version) => match version.cmp(&newest_schema()) {
+            Ordering::Less => Schema::Older(version),
+            Ordering::Equal => Schema::Current,
+            Ordering::Greater => Schema::Newer(version),
+        },
+    })
+}
+
+/// Brings the schema up to date. An existing database is copied before.
 ///
 /// Foreign keys are off meanwhile: inside a transaction they cannot be switched off, and rebuilding a table would
 /// then delete or refuse the rows that refer to it. So where something changed, all references and the row counts
@@ -108,6 +168,17 @@ pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
         .await
         .map_err(at(path))?;
     let version = schema_version(&mut connection).await.map_err(at(path))?;
+    match schema(&mut connection).await.map_err(at(path))? {
+        Schema::None | Schema::Current => {}
+        Schema::Newer(found) => {
+            return Err(OpenError::LaterSchema {
+                path: path.to_owned(),
+                found,
+                known: newest_schema(),
+            });
+        }
+        Schema::Older(found) => keep_copy(&mut connection, path, found).await?,
+    }
     let before = match version {
         Some(_) => rows(&mut connection).await.map_err(at(path))?,
         None => [0; 4],
@@ -144,31 +215,51 @@ pub(super) fn require_file(path: &Path) -> Result<(), OpenError> {
 
 /// Refuses a database whose schema is not this program's.
 pub(super) async fn require_schema(path: &Path) -> Result<(), OpenError> {
-    let mut connection = SqliteConnectOptions::new()
-        .filename(path)
-        .read_only(true)
-        .busy_timeout(BUSY_TIMEOUT)
-        .disable_statement_logging()
-        .connect()
-        .await
-        .map_err(at(path))?;
-    let found = schema_version(&mut connection).await.map_err(at(path))?;
+    let mut connection = reading_connection(path).await?;
+    let found = schema(&mut connection).await.map_err(at(path))?;
     connection.close().await.map_err(at(path))?;
-    let known = MIGRATIONS.iter().map(|migration| migration.version).max();
-    match (found, known) {
-        (None, _) | (_, None) => Err(OpenError::NoSchema(path.to_owned())),
-        (Some(found), Some(known)) if found > known => Err(OpenError::LaterSchema {
+    let known = newest_schema();
+    match found {
+        Schema::Current => Ok(()),
+        Schema::None => Err(OpenError::NoSchema(path.to_owned())),
+        Schema::Newer(found) => Err(OpenError::LaterSchema {
             path: path.to_owned(),
             found,
             known,
         }),
-        (Some(found), Some(known)) if found < known => Err(OpenError::EarlierSchema {
+        Schema::Older(found) => Err(OpenError::EarlierSchema {
             path: path.to_owned(),
             found,
             known,
         }),
-        (Some(_), Some(_)) => Ok(()),
     }
+}
+
+/// Copies a database beside itself before it is migrated. An upgrade that was interrupted left a copy of its own.
+async fn keep_copy(
+    connection: &mut SqliteConnection,
+    path: &Path,
+    found: i64,
+) -> Result<(), OpenError> {
+    let name = format!(".before-schema-{}", newest_schema());
+    let mut copy = with_suffix(path, &name);
+    let mut attempt = 1;
+    while copy.exists() {
+        attempt += 1;
+        copy = with_suffix(path, &format!("{name}-{attempt}"));
+    }
+    backup::copy_to(connection, path, &copy)
+        .await
+        .map_err(|source| OpenError::NoCopy {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+    tracing::warn!(
+        copy = %copy.display(),
+        "the database has schema {found} and is upgraded to schema {}; a copy of it as it was is kept",
+        newest_schema()
+    );
+    Ok(())
 }
 
 /// The last migration that was applied; none in a new database.
@@ -237,6 +328,14 @@ pub(super) async fn secret(
         .execute(&mut *connection)
         .await
         .map_err(at(path))?;
+    stored_secret(connection, path).await
+}
+
+/// The key of a database's hashes.
+pub(super) async fn stored_secret(
+    connection: &mut SqliteConnection,
+    path: &Path,
+) -> Result<Secret, OpenError> {
     let stored: Vec<u8> = sqlx::query_scalar("select secret from server")
         .fetch_one(connection)
         .await
@@ -250,7 +349,7 @@ pub(super) async fn secret(
     Ok(Secret::new(bytes))
 }
 
-fn at(path: &Path) -> impl Fn(sqlx::Error) -> OpenError + '_ {
+pub(super) fn at(path: &Path) -> impl Fn(sqlx::Error) -> OpenError + '_ {
     |source| OpenError::Database {
         path: path.to_owned(),
         source,

@@ -63,9 +63,9 @@ pub struct ParticipantFilter {
     pub flag: Option<Flag>,
 }
 
-/// One participant.
+/// One participant with how far they are and what is notable.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ParticipantRow {
+pub struct WatchedParticipant {
     /// The number under which exports have them.
     pub run: RunId,
     /// How far they are.
@@ -118,7 +118,7 @@ impl Store {
         (median_ms, checks): (Option<u64>, &[InstructedItem]),
         before: Option<RunId>,
         limit: u32,
-    ) -> Result<Vec<ParticipantRow>, Error> {
+    ) -> Result<Vec<WatchedParticipant>, Error> {
         let checks: Vec<_> = checks
             .iter()
             .map(|check| {
@@ -185,11 +185,11 @@ impl Store {
         .bind(filter.flag.map(Flag::as_str))
         .fetch_all(&self.pool)
         .await?;
-        Ok(rows.into_iter().map(ParticipantRow::from).collect())
+        Ok(rows.into_iter().map(WatchedParticipant::from).collect())
     }
 }
 
-impl From<Row> for ParticipantRow {
+impl From<Row> for WatchedParticipant {
     fn from(row: Row) -> Self {
         let flags = [
             (row.fast_choice, Flag::FastChoice),

@@ -135,7 +135,11 @@ fn candidate(
     })
 }
 
-fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
+/// A step with the problem that it puts before the person.
+///
+/// # Errors
+/// When the study has no such step.
+pub fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError> {
     let (asked, is_fitted, is_practice) = match study.step(&plan)? {
         Step::Choice(choice) => {
             let cell = match (choice.cell, &plan.question) {

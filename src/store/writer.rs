@@ -15,7 +15,8 @@ use tokio_util::sync::CancellationToken;
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
 use super::{
-    Change, Error, accounts, batch, checkpoints, comparisons, fits, open, runs, studies, withdraw,
+    Change, Error, accounts, batch, checkpoints, comparisons, fits, import, open, runs, studies,
+    withdraw,
 };
 
 /// How many jobs one commit takes at most.
@@ -327,6 +328,11 @@ async fn write_rare(
         Rare::Account(change, at, ticket) => {
             ticket.hold(accounts::write(connection, change, *at).await?);
             Ok(Vec::new())
+        }
+        Rare::Import(import, ticket) => {
+            let (imported, changes) = import::write(connection, import).await?;
+            ticket.hold(imported);
+            Ok(changes)
         }
     }
 }

@@ -9,7 +9,7 @@
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
 //! * `condition`: what differs between people; `recruiting`: who is taken in,
-//! * `draw`: a run's list of steps; `bonus`: what is paid for them,
+//! * `draw`: a run's list of steps; `bonus`: what is paid for them; `contents`: what each block shows and asks,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
@@ -21,6 +21,7 @@ mod bonus;
 mod built_in;
 mod cell;
 mod condition;
+mod contents;
 mod definition;
 mod document;
 mod draw;
@@ -42,6 +43,7 @@ pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonu
 pub use built_in::{built_in, starter};
 pub use cell::{ActionLabel, Baseline, Cell};
 pub use condition::{Condition, ConditionId};
+pub use contents::{AskedQuestion, Asks, BlockContents};
 pub use definition::{
     Assign, CompletionCode, Ending, EndingPage, Factor, Include, Level, RewardUnit,
     StatedHypothesis, Study,

@@ -9,7 +9,7 @@ use axum::{
 use serde::Serialize;
 
 use super::assets;
-use crate::{jobs::Blind, store, study::StepError};
+use crate::{export::ExportError, jobs::Blind, store, study::StepError};
 
 /// Everything a handler can fail with. The visitor's text and the log's text differ: inner errors only reach the log.
 #[derive(Debug, thiserror::Error)]
@@ -141,6 +141,20 @@ impl From<store::Error> for Error {
             }
             store::Error::Busy | store::Error::Unavailable(_) => Self::Busy,
             store::Error::Database(_) => Self::Internal(error.into()),
+        }
+    }
+}
+
+impl From<ExportError> for Error {
+    fn from(error: ExportError) -> Self {
+        match error {
+            ExportError::Store(error) => error.into(),
+            ExportError::NoPlainIds(_) => Self::Unprocessable(error.to_string()),
+            ExportError::Study(_)
+            | ExportError::Write(_)
+            | ExportError::Csv(_)
+            | ExportError::Json(_)
+            | ExportError::Archive(_) => Self::Internal(error.into()),
         }
     }
 }

@@ -42,7 +42,7 @@ pub use self::{
     access::{Limits, PublicUrl},
     error::{ApiError, Error},
     replays::Replays,
-    results::FitReportPage,
+    results::{FitReportPage, analysis_json},
     server::serve,
 };
 use crate::{

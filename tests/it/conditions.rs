@@ -375,7 +375,7 @@ fn recruiting_keys_are_refused_by_line_and_name() {
     refused("devices = []", "recruiting.devices", "`tablet`");
     refused(
         "devices = [\"phone\", \"phone\"]",
-        "recruiting.devices[1]",
+        "recruiting.devices[#2]",
         "each device once",
     );
     refused("time_limit_min = 1", "recruiting.time_limit_min", "from 2");

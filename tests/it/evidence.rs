@@ -18,7 +18,7 @@ use crate::{
 
 /// The driving study with its cells fitted together alone, so that little has to be computed, and with more keys before
 /// its table `[fit]`: they belong to `[analysis]` until another table begins.
-fn driving(tables: &str) -> Vec<(String, String)> {
+pub fn driving(tables: &str) -> Vec<(String, String)> {
     let (name, text) = study::built_in()[0];
     let (before, rest) = text.split_once("[[fit.plan]]").unwrap();
     let (_, all) = rest.split_once("id = \"all\"").unwrap();

@@ -2,6 +2,7 @@
 
 mod checks;
 mod commit;
+mod copies;
 mod evidence;
 mod fits;
 mod lab;

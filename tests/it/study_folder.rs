@@ -1,6 +1,9 @@
 //! A folder of study files that changes while it is served.
 
-use std::{path::PathBuf, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 use riskaware::{
     clock::Clock,
@@ -73,7 +76,7 @@ fn wrong() -> String {
     BETWEEN.replace("minutes = 2", "minutes = 0")
 }
 
-fn error_of(text: &str, file: &PathBuf) -> ParseError {
+fn error_of(text: &str, file: &Path) -> ParseError {
     Study::parse(&file.display().to_string(), text).unwrap_err()
 }
 

@@ -89,27 +89,31 @@ fn parameters(study: &Study) -> Vec<String> {
             warnings.push(format!("{}: {note}", model.id));
         }
     }
-    let mut uncertain: Vec<f64> = outcomes(problems.iter().copied())
-        .map(|outcome| outcome.probability)
-        .filter(|probability| *probability < 1.0)
-        .collect();
-    uncertain.sort_by(f64::total_cmp);
-    uncertain.dedup_by(|left, right| (*left - *right).abs() < 1e-9);
-    // A probability and what is missing to 1 are one point of the design.
-    let points = uncertain
-        .iter()
-        .filter(|probability| **probability <= 0.5 + 1e-9 || !has(&uncertain, 1.0 - **probability))
-        .count();
-    match points {
-        0 => warnings.push(
+    let uncertain = |sign: f64| -> Vec<f64> {
+        let mut probabilities: Vec<f64> = outcomes(problems.iter().copied())
+            .filter(|outcome| outcome.reward * sign > 0.0 && outcome.probability < 1.0)
+            .map(|outcome| outcome.probability)
+            .collect();
+        probabilities.sort_by(f64::total_cmp);
+        probabilities.dedup_by(|left, right| (*left - *right).abs() < 1e-9);
+        probabilities
+    };
+    let weighted = [
+        ("gains", "γ", uncertain(1.0)),
+        ("losses", "δ", uncertain(-1.0)),
+    ];
+    if weighted.iter().all(|(_, _, found)| found.is_empty()) {
+        warnings.push(
             "nothing is uncertain in any fitted question, so γ and δ (how probabilities are weighted) stay at their prior"
                 .to_owned(),
-        ),
-        1 => warnings.push(
-            "all fitted questions have the same probabilities, so γ and δ are learned at one point of the curve only"
-                .to_owned(),
-        ),
-        _ => {}
+        );
+    }
+    for (what, parameter, found) in &weighted {
+        if let [only] = found.as_slice() {
+            warnings.push(format!(
+                "all uncertain {what} of fitted questions have the probability {only}, so {parameter} (how the probabilities of {what} are weighted) is learned at one point of the curve only"
+            ));
+        }
     }
     for (sign, what, parameter) in [(1.0, "gains", "α"), (-1.0, "losses", "β")] {
         let mut sizes: Vec<f64> = outcomes(problems.iter().copied())
@@ -125,12 +129,6 @@ fn parameters(study: &Study) -> Vec<String> {
         }
     }
     warnings
-}
-
-fn has(probabilities: &[f64], wanted: f64) -> bool {
-    probabilities
-        .iter()
-        .any(|probability| (*probability - wanted).abs() < 1e-9)
 }
 
 fn texts(study: &Study) -> Vec<String> {

@@ -142,6 +142,19 @@ impl Field {
         Some(if item.reverse { of + 1 - point } else { point })
     }
 
+    /// Whether it, or an item of its scale, is an instructed-response item.
+    pub fn is_attention_check(&self) -> bool {
+        match &self.kind {
+            FieldKind::Likert { items, .. } => items.iter().any(|item| item.expected.is_some()),
+            FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Text { .. }
+            | FieldKind::LongText { .. }
+            | FieldKind::Choice { .. }
+            | FieldKind::Choices { .. } => self.expected.is_some(),
+        }
+    }
+
     /// Whether the answers of a form pass this instructed-response item, or all of them on this scale; `None` if there
     /// is none, or one was left empty.
     pub fn passes(&self, values: &Map<String, Value>) -> Option<bool> {

@@ -265,6 +265,70 @@ pub const ROUTES: &[Route] = &[
         Rule::Shared,
         "look at events",
     ),
+    // Exports.
+    route(
+        "/api/v1/studies/{study}/export/long.csv",
+        DATA,
+        "export long.csv",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/wide.csv",
+        DATA,
+        "export wide.csv",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/answers.ndjson",
+        DATA,
+        "export answers.ndjson",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/psych-ds.zip",
+        DATA,
+        "export psych-ds.zip",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/codebook.csv",
+        DATA,
+        "export codebook.csv",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/codebook.json",
+        DATA,
+        "export codebook.json",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/bonus.csv",
+        DATA,
+        "export bonus.csv",
+    ),
+    route(
+        "/api/v1/studies/{study}/export/analysis.json",
+        DATA,
+        "export analysis.json",
+    ),
+    route("/results/{study}/data/wide.csv", DATA, "export wide.csv"),
+    route(
+        "/results/{study}/data/psych-ds.zip",
+        DATA,
+        "export psych-ds.zip",
+    ),
+    route(
+        "/results/{study}/data/codebook.csv",
+        DATA,
+        "export codebook.csv",
+    ),
+    route(
+        "/results/{study}/data/codebook.json",
+        DATA,
+        "export codebook.json",
+    ),
+    route("/results/{study}/data/bonus.csv", DATA, "export bonus.csv"),
+    route(
+        "/results/{study}/data/analysis.json",
+        DATA,
+        "export analysis.json",
+    ),
+    route("/results/{study}/codebook", RESULTS, "look at the codebook"),
 ];
 
 /// The route that the router matched.

@@ -4,6 +4,7 @@
 
 mod answers;
 mod draws;
+mod exports;
 mod extract;
 mod fits;
 mod predict;
@@ -37,8 +38,6 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}", get(one))
         .route("/studies/{study}/summary", get(summary))
         .route("/studies/{study}/answers", get(answers::page))
-        .route("/studies/{study}/answers.csv", get(answers::csv))
-        .route("/studies/{study}/answers.ndjson", get(answers::ndjson))
         .route("/studies/{study}/fits", get(fits::list))
         .route("/studies/{study}/fits/{fit}", get(fits::one))
         .route("/studies/{study}/fits/{fit}/draws", get(draws::arviz))
@@ -55,7 +54,7 @@ pub(super) fn router() -> Router<AppState> {
     Router::new().nest(
         "/api",
         Router::new()
-            .nest("/v1", studies)
+            .nest("/v1", studies.merge(exports::router()))
             .fallback(|| async { ApiError(Error::NotFound("address of the API")) })
             .method_not_allowed_fallback(|| async { ApiError(Error::MethodNotAllowed) }),
     )
@@ -67,8 +66,7 @@ pub(super) fn router_of_pages() -> Router<AppState> {
         .route("/results/{study}/data/fits.json", get(fits::list))
         .route("/results/{study}/data/sweep.json", get(sweeps::share))
         .route("/results/{study}/data/gap-sweep.json", get(sweeps::gap))
-        .route("/results/{study}/data/answers.csv", get(answers::csv))
-        .route("/results/{study}/data/answers.ndjson", get(answers::ndjson))
+        .merge(exports::router_of_pages())
 }
 
 /// What every handler of a study needs.

@@ -3,6 +3,8 @@
 //! The API serves the same [`Summary`], [`Curves`] and [`Accuracy`].
 
 mod accuracy;
+mod analysis;
+mod codebook;
 mod curves;
 mod evidence;
 mod format;
@@ -28,6 +30,7 @@ use axum::{
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
 
+pub use self::analysis::analysis_json;
 use self::reading::Reading;
 pub use self::report::FitReportPage;
 use self::sweep_page::{PageQuery, SweepPage};
@@ -55,6 +58,7 @@ use crate::{
 pub(super) fn router() -> Router<AppState> {
     Router::new()
         .route("/results/{study}", get(results))
+        .route("/results/{study}/codebook", get(codebook::page))
         .route("/results/{study}/sweep", get(sweep))
         .route("/results/{study}/data/summary.json", get(summary))
         .route("/results/{study}/data/curves.json", get(curves))

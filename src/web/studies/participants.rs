@@ -20,7 +20,7 @@ use super::{
     Head, Parts, current, words,
 };
 use crate::{
-    store::{Flag, ParticipantFilter, ParticipantRow, RunId, RunState},
+    store::{Flag, ParticipantFilter, RunId, RunState, WatchedParticipant},
     study::StudyId,
 };
 
@@ -194,7 +194,7 @@ impl ParticipantsQuery {
 }
 
 impl Line {
-    fn new(row: ParticipantRow, now_ms: i64) -> Self {
+    fn new(row: WatchedParticipant, now_ms: i64) -> Self {
         let end_ms = match row.state {
             RunState::Active => now_ms,
             RunState::Completed

@@ -1,26 +1,42 @@
 //! Databases of earlier versions: everything in them is there after the upgrade.
 
+use std::path::{Path, PathBuf};
+
 use riskaware::clock::Clock;
-use riskaware::store::{AnswerKey, FitKey, FitOutcome, NewFit, Options, Population, Store};
-use riskaware::study::{StudyId, Timestamp};
+use riskaware::store::{
+    AnswerKey, FitId, FitKey, FitOutcome, NewFit, Options, Population, Store, back_up, restore,
+};
+use riskaware::study::{Reply, StudyId, Timestamp};
 use sqlx::Connection;
 use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
-use super::lab::Lab;
+use super::lab::{CONSENT, Lab};
 
-const SCHEMA_1: &str = include_str!("../../../migrations/0001_studies_runs_answers_fits.sql");
+/// The migrations by number, as they were released.
+const MIGRATIONS: [(&str, &str); 3] = [
+    (
+        "0001_studies_runs_answers_fits.sql",
+        include_str!("../../../migrations/0001_studies_runs_answers_fits.sql"),
+    ),
+    (
+        "0002_provisional_fits_comparisons_checkpoints.sql",
+        include_str!("../../../migrations/0002_provisional_fits_comparisons_checkpoints.sql"),
+    ),
+    (
+        "0003_steps_of_any_kind.sql",
+        include_str!("../../../migrations/0003_steps_of_any_kind.sql"),
+    ),
+];
 
-/// The lab's rows in a new file with the tables of schema 1, as the first release would have written them.
-async fn as_schema_1(lab: &Lab, folder: &TempDir) -> std::path::PathBuf {
+/// The lab's rows in a new file with the tables of an earlier schema, as its release would have written them.
+async fn as_schema(version: usize, lab: &Lab, folder: &TempDir) -> PathBuf {
     let migrations = folder.path().join("migrations");
     std::fs::create_dir(&migrations).unwrap();
-    std::fs::write(
-        migrations.join("0001_studies_runs_answers_fits.sql"),
-        SCHEMA_1,
-    )
-    .unwrap();
+    for (name, text) in &MIGRATIONS[..version] {
+        std::fs::write(migrations.join(name), text).unwrap();
+    }
     let path = folder.path().join("released.db");
     let options = SqliteConnectOptions::new()
         .filename(&path)
@@ -58,17 +74,57 @@ async fn as_schema_1(lab: &Lab, folder: &TempDir) -> std::path::PathBuf {
     path
 }
 
-#[tokio::test]
-async fn schema_1_keeps_every_answer_and_its_fits_are_final() {
+/// Every row of a table, as text: what a migration must not change, column by column.
+async fn rows(path: &Path, table: &str, columns: &str) -> Vec<String> {
+    let options = SqliteConnectOptions::new().filename(path).read_only(true);
+    let mut raw = SqliteConnection::connect_with(&options).await.unwrap();
+    let listed = columns
+        .split(", ")
+        .map(|column| format!("quote({column})"))
+        .collect::<Vec<_>>()
+        .join(" || ',' || ");
+    let query = format!(r#"select {listed} from "{table}" order by 1"#);
+    let rows = sqlx::query_scalar(sqlx::AssertSqlSafe(query))
+        .fetch_all(&mut raw)
+        .await
+        .unwrap();
+    raw.close().await.unwrap();
+    rows
+}
+
+/// The tables of a file with their columns.
+async fn tables(path: &Path) -> Vec<(String, String)> {
+    let options = SqliteConnectOptions::new().filename(path).read_only(true);
+    let mut raw = SqliteConnection::connect_with(&options).await.unwrap();
+    let tables = sqlx::query_as(
+        r#"
+        select tables.name, group_concat('"' || columns.name || '"', ', ')
+        from sqlite_schema as tables, pragma_table_info(tables.name) as columns
+        where tables.type = 'table' and tables.name not like 'sqlite_%' and tables.name not like '_sqlx_%'
+        group by tables.name
+        "#,
+    )
+    .fetch_all(&mut raw)
+    .await
+    .unwrap();
+    raw.close().await.unwrap();
+    tables
+}
+
+/// People who finished, one under way, one who declined, one who withdrew, and a fit.
+async fn filled() -> (Lab, FitId) {
     let mut lab = Lab::open().await;
     for study in ["driving", "cups", "driving"] {
         let mut person = lab.start_and_reach_timed(study).await;
         person.finishes(&lab, "stop").await;
     }
     lab.start_and_reach_timed("driving").await;
-    let driving = StudyId::from("driving");
+    let mut declines = lab.start("driving").await;
+    declines.says(&lab, CONSENT, Reply::Declined).await.unwrap();
+    let withdraws = lab.start_and_reach_timed("driving").await;
+    lab.store.withdraw(&withdraws.link).await.unwrap();
     let fit = NewFit {
-        study: driving.clone(),
+        study: StudyId::from("driving"),
         population: Population::People,
         key: FitKey {
             plan: "risk".into(),
@@ -86,59 +142,137 @@ async fn schema_1_keeps_every_answer_and_its_fits_are_final() {
         cpu_ms: 40,
     };
     let fit = lab.store.save_fits(vec![fit]).await.unwrap()[0];
+    (lab, fit)
+}
 
-    let read = async |store: &Store| {
-        let people = Population::People;
-        let mut answers = Vec::new();
-        for study in [driving.clone(), StudyId::from("cups")] {
-            answers.push((
-                store
-                    .answers(&study, people, AnswerKey::START, 1_000)
-                    .await
-                    .unwrap(),
-                store.cell_counts(&study, people).await.unwrap(),
-                store.totals(&study, people).await.unwrap(),
-            ));
+#[tokio::test]
+async fn every_released_schema_keeps_everything() {
+    for version in 1..=MIGRATIONS.len() {
+        let (lab, fit) = filled().await;
+        let driving = StudyId::from("driving");
+        let read = async |store: &Store| {
+            let people = Population::People;
+            let mut answers = Vec::new();
+            for study in [driving.clone(), StudyId::from("cups")] {
+                answers.push((
+                    store
+                        .answers(&study, people, AnswerKey::START, 1_000)
+                        .await
+                        .unwrap(),
+                    store.cell_counts(&study, people).await.unwrap(),
+                    store.totals(&study, people).await.unwrap(),
+                ));
+            }
+            answers
+        };
+        let before = read(&lab.store).await;
+        assert_eq!(before[0].0.len() + before[1].0.len(), 3 * 4);
+
+        let folder = TempDir::new().unwrap();
+        let path = as_schema(version, &lab, &folder).await;
+        let released = folder.path().join("copy-of-released.db");
+        std::fs::copy(&path, &released).unwrap();
+        let clock = Clock::manual(Timestamp(1_800_000_000_000));
+        let store = Store::open(Options::at(&path), clock).await.unwrap();
+        assert_eq!(read(&store).await, before, "schema {version}");
+        assert_eq!(store.check_answers().await.unwrap(), []);
+        assert_eq!(store.check_counters().await.unwrap(), []);
+        assert_eq!(
+            store.completion_code(1.into()),
+            lab.store.completion_code(1.into())
+        );
+        let fits = store
+            .latest_fits(&driving, Population::People)
+            .await
+            .unwrap();
+        assert_eq!(
+            fits.iter()
+                .map(|fit| (fit.id, fit.is_provisional))
+                .collect::<Vec<_>>(),
+            [(fit, false)]
+        );
+        assert_eq!(store.fit_draws(fit).await.unwrap(), [1, 2, 3]);
+        store.close().await;
+
+        // No column of any table lost a value, and the copy that was kept is the database as it was.
+        let copy = folder.path().join("released.db.before-schema-4");
+        for (table, columns) in tables(&released).await {
+            let as_it_was = rows(&released, &table, &columns).await;
+            assert_eq!(
+                rows(&path, &table, &columns).await,
+                as_it_was,
+                "schema {version}: {table}"
+            );
+            assert_eq!(
+                rows(&copy, &table, &columns).await,
+                as_it_was,
+                "schema {version}: {table}"
+            );
         }
-        answers
-    };
-    let before = read(&lab.store).await;
-    assert_eq!(before[0].0.len() + before[1].0.len(), 3 * 4);
+    }
+}
 
+#[tokio::test]
+async fn without_a_copy_nothing_is_upgraded() {
+    let (lab, _) = filled().await;
     let folder = TempDir::new().unwrap();
-    let path = as_schema_1(&lab, &folder).await;
+    let path = as_schema(2, &lab, &folder).await;
+    // A folder of this name is in the way of the copy.
+    std::fs::create_dir(folder.path().join("released.db.before-schema-4.partial")).unwrap();
     let clock = Clock::manual(Timestamp(1_800_000_000_000));
-    let store = Store::open(Options::at(&path), clock).await.unwrap();
-    assert_eq!(read(&store).await, before);
-    assert_eq!(store.check_answers().await.unwrap(), []);
-    assert_eq!(store.check_counters().await.unwrap(), []);
-    assert_eq!(
-        store.completion_code(1.into()),
-        lab.store.completion_code(1.into())
+    let refused = Store::open(Options::at(&path), clock.clone())
+        .await
+        .unwrap_err();
+    let told = refused.to_string();
+    assert!(told.contains("no copy of it can be kept"), "{told}");
+    let before = tables(&path).await;
+    assert!(
+        before.iter().all(|(table, _)| table != "account"),
+        "it is as it was"
     );
-    let fits = store
-        .latest_fits(&driving, Population::People)
+
+    std::fs::remove_dir(folder.path().join("released.db.before-schema-4.partial")).unwrap();
+    Store::open(Options::at(&path), clock)
+        .await
+        .unwrap()
+        .close()
+        .await;
+    assert!(
+        tables(&path)
+            .await
+            .iter()
+            .any(|(table, _)| table == "account")
+    );
+}
+
+#[tokio::test]
+async fn a_database_of_a_later_program_is_refused() {
+    let (lab, _) = filled().await;
+    let path = lab.path();
+    let clock = lab.clock.clone();
+    lab.store.close().await;
+    let folder = TempDir::new().unwrap();
+    let later = folder.path().join("later.db");
+    back_up(&path, &later).await.unwrap();
+    let options = SqliteConnectOptions::new().filename(&later);
+    let mut raw = SqliteConnection::connect_with(&options).await.unwrap();
+    sqlx::query("insert into _sqlx_migrations (version, description, success, checksum, execution_time) values (5, 'later', 1, x'00', 0)")
+        .execute(&mut raw)
         .await
         .unwrap();
-    assert_eq!(
-        fits.iter()
-            .map(|fit| (fit.id, fit.is_provisional))
-            .collect::<Vec<_>>(),
-        [(fit, false)]
-    );
-    assert_eq!(store.fit_draws(fit).await.unwrap(), [1, 2, 3]);
-    assert_eq!(
-        store
-            .comparisons(&driving, Population::People, &[])
-            .await
-            .unwrap(),
-        []
-    );
-    assert_eq!(
-        store
-            .checkpoints(&driving, Population::People)
-            .await
-            .unwrap(),
-        []
-    );
+    raw.close().await.unwrap();
+    for refused in [
+        Store::open(Options::at(&later), clock.clone()).await,
+        Store::open_to_read(&later, clock.clone()).await,
+        Store::open_beside(&later, clock).await,
+    ] {
+        let told = refused.unwrap_err().to_string();
+        for part in ["schema 5", "up to 4", "restore a backup"] {
+            assert!(told.contains(part), "{told}");
+        }
+    }
+    let target = folder.path().join("target.db");
+    let told = restore(&later, &target).await.unwrap_err().to_string();
+    assert!(told.contains("its schema is 5"), "{told}");
+    assert!(!target.exists());
 }

@@ -1,0 +1,106 @@
+//! `riskaware import`: answers that were given elsewhere, also while a server runs.
+
+use std::{fs::File, io::BufReader, path::PathBuf};
+
+use anyhow::{Context, bail, ensure};
+use clap::Args;
+
+use crate::{
+    clock::Clock,
+    import::{self, Fault, Mapping},
+    store::Store,
+    study::{Study, StudyId},
+};
+
+/// What to import.
+#[derive(Debug, Clone, Args)]
+pub struct Arguments {
+    /// The study's id
+    study: StudyId,
+    /// The answers as CSV, one row per question: participant, problem (or a column per factor), action
+    #[arg(long)]
+    file: PathBuf,
+    /// What the file calls columns and values (TOML), where it uses other words
+    #[arg(long, value_name = "MAPPING")]
+    map: Option<PathBuf>,
+    /// Where the answers come from, for tables by source
+    #[arg(long)]
+    source: String,
+    /// The database file; a server may be using it
+    #[arg(long, env = "RISKAWARE_DATABASE", default_value = "riskaware.db")]
+    database: PathBuf,
+}
+
+/// Stores the whole file or nothing.
+///
+/// # Errors
+/// When a file cannot be read, a row is faulty, or somebody in it was imported before.
+pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let Arguments {
+        study,
+        file,
+        map,
+        source,
+        database,
+    } = arguments;
+    ensure!(
+        !source.trim().is_empty(),
+        "--source is empty; allowed: a label such as lab-2019"
+    );
+    let clock = Clock::start();
+    let store = Store::open_beside(&database, clock.clone())
+        .await
+        .with_context(|| format!("opening the database {}", database.display()))?;
+    let version = store
+        .study(&study)
+        .await
+        .with_context(|| format!("study {study} in {}", database.display()))?
+        .version;
+    let text = store.study_version(version).await?.text;
+    let parsed = Study::parse(&format!("version {version} of {study}"), &text)?;
+    let mapping = match &map {
+        None => Mapping::default(),
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("reading {}", path.display()))?;
+            Mapping::parse(&text, &Mapping::allowed(&parsed))
+                .with_context(|| format!("mapping {}", path.display()))?
+        }
+    };
+    let answers = File::open(&file).with_context(|| format!("reading {}", file.display()))?;
+    let imported = match import::read(&parsed, &mapping, clock.now(), BufReader::new(answers)) {
+        Ok(imported) => imported,
+        Err(faults) => bail!(told(&faults)),
+    };
+    let names = imported.runs.iter().map(|run| run.participant.as_str());
+    let known = store.imported_before(&study, names).await?;
+    if !known.is_empty() {
+        bail!(
+            "nothing was imported, because {} of these participants were imported before: {}",
+            known.len(),
+            known.join(", ")
+        );
+    }
+    let people = store
+        .import(&study, version, source.trim(), imported.runs)
+        .await?;
+    store.close().await;
+    println!(
+        "{} answers of {people} people are imported into {study}; {} rows of practice questions are left out",
+        imported.answers, imported.left_out
+    );
+    Ok(())
+}
+
+/// All faults, a line each.
+fn told(faults: &[Fault]) -> String {
+    let mut text = format!(
+        "nothing was imported, because {} cells cannot be taken:",
+        faults.len()
+    );
+    for fault in faults {
+        text.push_str("\n  ");
+        text.push_str(&fault.to_string());
+    }
+    text
+}

@@ -1,0 +1,183 @@
+//! One row per participant.
+
+use std::collections::BTreeMap;
+use std::io;
+
+use serde_json::{Map, Value};
+
+use super::cell::{number, text, value};
+use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
+use super::{Export, ExportError, wide_columns};
+use crate::store::{ParticipantRow, RunId, RunState, StepAnswer};
+
+/// Participants that are read at once, with all of their answers.
+const PAGE_PARTICIPANTS: u32 = 200;
+
+pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+    let columns = wide_columns::all(export);
+    let mut writer = csv::Writer::from_writer(out);
+    writer.write_record(columns.iter().map(|column| column.column.name.as_str()))?;
+    let mut count = 0;
+    each_page(export, |participants| {
+        let (Some(first), Some(last)) = (participants.first(), participants.last()) else {
+            return Ok(());
+        };
+        let answers = export.runtime.block_on(export.store.step_answers(
+            export.study.id(),
+            export.population,
+            first.run,
+            last.run,
+        ))?;
+        let mut answers = answers.as_slice();
+        for participant in participants {
+            // A run that began since then is not on this page, but its answers may stand between.
+            while answers
+                .first()
+                .is_some_and(|answer| answer.run < participant.run)
+            {
+                answers = &answers[1..];
+            }
+            let own = answers
+                .iter()
+                .take_while(|answer| answer.run == participant.run)
+                .count();
+            let (of_this, others) = answers.split_at(own);
+            answers = others;
+            let row = Row::new(export, participant, of_this)?;
+            writer.write_record(columns.iter().map(|column| row.cell(column)))?;
+            count += 1;
+        }
+        Ok(())
+    })?;
+    writer.flush()?;
+    Ok(count)
+}
+
+/// Reads all participants page by page.
+pub(super) fn each_page(
+    export: &Export,
+    mut write: impl FnMut(&[ParticipantRow]) -> Result<(), ExportError>,
+) -> Result<(), ExportError> {
+    let mut after = RunId::from(0);
+    loop {
+        let page = export.runtime.block_on(export.store.participants(
+            export.study.id(),
+            export.population,
+            after,
+            PAGE_PARTICIPANTS,
+        ))?;
+        write(&page)?;
+        match page.last() {
+            Some(last) if page.len() == PAGE_PARTICIPANTS as usize => after = last.run,
+            Some(_) | None => return Ok(()),
+        }
+    }
+}
+
+/// A participant with their steps by name.
+struct Row<'a> {
+    export: &'a Export,
+    participant: &'a ParticipantRow,
+    steps: BTreeMap<StepKey, (&'a StepAnswer, Map<String, Value>)>,
+}
+
+impl<'a> Row<'a> {
+    fn new(
+        export: &'a Export,
+        participant: &'a ParticipantRow,
+        answers: &'a [StepAnswer],
+    ) -> Result<Self, ExportError> {
+        let mut steps = BTreeMap::new();
+        for answer in answers {
+            let key = StepKey {
+                block: answer.block.clone(),
+                question: answer.question.clone(),
+            };
+            let members = match answer.value.as_deref().map(serde_json::from_str) {
+                Some(Ok(Value::Object(members))) => members,
+                Some(Ok(_)) | None => Map::new(),
+                Some(Err(error)) => return Err(error.into()),
+            };
+            steps.insert(key, (answer, members));
+        }
+        Ok(Self {
+            export,
+            participant,
+            steps,
+        })
+    }
+
+    fn cell(&self, column: &WideColumn) -> String {
+        let participant = self.participant;
+        let words = |words: Option<&str>| words.map(text).unwrap_or_default();
+        match &column.cell {
+            WideCell::Study => text(self.export.study.id().as_str()),
+            WideCell::Version => participant.version.to_string(),
+            WideCell::Participant => participant.run.to_string(),
+            WideCell::RunState => participant.state.to_string(),
+            WideCell::Condition => words(participant.condition.as_deref()),
+            WideCell::Source => words(participant.source.as_deref()),
+            WideCell::Language => words(participant.language.as_deref()),
+            WideCell::Simulated => self.export.population.is_simulated().to_string(),
+            WideCell::TimeFactor => participant.time_factor.to_string(),
+            WideCell::StartedAt => participant.started_at.0.to_string(),
+            WideCell::FinishedAt => number(participant.finished_at.map(|at| at.0)),
+            WideCell::Duration => number(
+                participant
+                    .finished_at
+                    .map(|at| at.millis_since(participant.started_at)),
+            ),
+            WideCell::Bonus => participant
+                .bonus
+                .map_or_else(String::new, |amount| format!("{amount:.2}")),
+            WideCell::Platform => words(participant.platform.as_deref()),
+            WideCell::PlatformKey => words(participant.platform_key.as_deref()),
+            WideCell::PlatformId => words(
+                self.export
+                    .store
+                    .plain_platform_id(self.export.study.id(), participant),
+            ),
+            WideCell::Step(key, cell) => self.of_step(key, cell),
+        }
+    }
+
+    fn of_step(&self, key: &StepKey, cell: &StepCell) -> String {
+        let Some((answer, members)) = self.steps.get(key) else {
+            return match cell {
+                StepCell::Status if self.participant.state == RunState::Withdrawn => {
+                    RunState::Withdrawn.to_string()
+                }
+                StepCell::Status => "not_shown".to_owned(),
+                StepCell::Action
+                | StepCell::ClientRt
+                | StepCell::ServerMs
+                | StepCell::Member(_)
+                | StepCell::Clause(_)
+                | StepCell::Chosen { .. }
+                | StepCell::Score { .. }
+                | StepCell::Passed(_) => String::new(),
+            };
+        };
+        match cell {
+            StepCell::Action => answer
+                .action
+                .as_ref()
+                .map_or_else(String::new, |action| text(action.as_str())),
+            StepCell::Status => answer.status.to_string(),
+            StepCell::ClientRt => number(answer.client_rt_ms),
+            StepCell::ServerMs => number(answer.server_ms),
+            StepCell::Member(name) => value(members.get(name)),
+            StepCell::Clause(id) => {
+                value(members.get("clauses").and_then(|clauses| clauses.get(id)))
+            }
+            StepCell::Chosen { field, option } => number(
+                members
+                    .get(field)
+                    .and_then(Value::as_array)
+                    .map(|chosen| chosen.iter().any(|chosen| chosen == option.as_str())),
+            ),
+            StepCell::Score { field, item } => number(field.score(item, members)),
+            StepCell::Passed(field) => number(field.passes(members)),
+        }
+    }
+}
