@@ -82,7 +82,9 @@ impl Store {
                 count(answer.event_id) filter (where answer.status = 'timed_out') as timed_out,
                 sum(step.position) as places
             from run
-            cross join step on step.run_id = run.id and step.position <= run.position
+            cross join step on step.run_id = run.id
+                -- an answer that ends a run leads on to a step that is never shown
+                and step.position <= run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             left join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             group by step.kind, step.block, step.question, class
@@ -101,7 +103,8 @@ impl Store {
                 run.state = 'active' and ifnull(run.shown_at_ms, run.started_at_ms) >= ?3 as here,
                 count(*) as n
             from run
-            join step on step.run_id = run.id and step.position = run.position
+            join step on step.run_id = run.id
+                and step.position = run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and run.state <> 'completed'
             group by step.kind, step.block, step.question, here

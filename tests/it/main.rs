@@ -22,6 +22,7 @@ mod predict;
 mod program;
 mod recover;
 mod refit;
+mod researcher;
 mod results;
 mod results_reading;
 mod simulation;

@@ -106,6 +106,7 @@ pub const ROUTES: &[Route] = &[
         "ask to erase a participant",
     ),
     route("/studies/{study}/links", DATA, "open the links"),
+    route("/studies/{study}/data", DATA, "open the exports"),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
     route(
         "/studies/{study}/preview/start",

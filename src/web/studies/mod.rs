@@ -2,6 +2,7 @@
 //!
 //! What people chose is not here but under `/results`.
 
+mod data;
 mod links;
 mod list;
 mod overview;
@@ -45,6 +46,7 @@ pub(super) fn router() -> Router<AppState> {
             get(participants::ask_erase).post(participants::erase),
         )
         .route("/studies/{study}/links", get(links::show))
+        .route("/studies/{study}/data", get(data::show))
         .route("/studies/{study}/preview", get(preview::show))
         .route("/studies/{study}/preview/start", post(preview::start))
 }
@@ -86,7 +88,11 @@ impl Head {
     fn pages(&self) -> Vec<(&'static str, &'static str)> {
         let mut pages = vec![("", "Overview")];
         if self.may_data {
-            pages.extend([("/participants", "Participants"), ("/links", "Links")]);
+            pages.extend([
+                ("/participants", "Participants"),
+                ("/links", "Links"),
+                ("/data", "Data"),
+            ]);
         }
         if self.may_manage {
             pages.push(("/preview", "Preview"));
