@@ -1,6 +1,8 @@
 const restMs = 1000;
 const retryMs = 3000;
 const patienceMs = 15_000;
+// What counts nothing makes no event: pages that only tell something, and people who go away.
+const pollMs = 5000;
 const words = {
   connecting: "Connecting…",
   live: "Live: the numbers follow by themselves.",
@@ -14,6 +16,9 @@ export class Watch {
     this.connection = root.querySelector("[data-part=connection]");
     this.say("connecting");
     this.listen();
+    setInterval(() => {
+      if (document.visibilityState === "visible") this.ask();
+    }, pollMs);
   }
 
   listen() {

@@ -39,7 +39,11 @@ fn step(page: &Page, detail: &str) -> Vec<String> {
         row + 1
     ));
     cells.truncate(5);
+    // Where most stop, it says so.
     cells
+        .iter()
+        .map(|cell| cell.replace(" (most)", ""))
+        .collect()
 }
 
 async fn at_first_timed(app: &App, query: &str) -> Participant {

@@ -73,6 +73,15 @@ pub(super) async fn show(
         bar: Bar::of(&store, &caller).await?,
         simulated: population.is_simulated(),
         studies,
-        file_errors: catalogue.file_errors().into_iter().collect(),
+        file_errors: catalogue
+            .file_errors()
+            .into_iter()
+            .map(|(file, error)| {
+                // Most errors begin with the file's name, which stands above them already.
+                let error = error.strip_prefix(&file).unwrap_or(&error);
+                let error = error.trim_start_matches([',', ':', ' ']).to_owned();
+                (file, error)
+            })
+            .collect(),
     })
 }
