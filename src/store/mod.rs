@@ -13,7 +13,7 @@
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
-//! * `progress`, `quality`: what researchers watch while a study runs: steps, times, participants and what is notable
+//! * `progress`, `quality`, `sources`: what researchers watch while a study runs: steps, times, participants and what is notable
 //!   about them,
 //! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
 //! * `doctor`: whether a database is well,
@@ -44,6 +44,7 @@ mod quality;
 mod rules;
 mod runs;
 mod sharing;
+mod sources;
 mod studies;
 mod token;
 mod withdraw;
@@ -88,6 +89,7 @@ pub use progress::{LEFT_AFTER_MS, StepProgress};
 pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, WatchedParticipant};
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
+pub use sources::SourceCount;
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 

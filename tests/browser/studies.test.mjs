@@ -67,7 +67,7 @@ test("before an account exists the pages are open on this machine", async () => 
   await page.goto(server.url);
   await page.getByRole("link", { name: "For researchers" }).click();
   await page.getByRole("link", { name: /driv|yellow/i }).first().waitFor();
-  for (const end of ["", "/participants", "/links", "/preview", "/data"]) {
+  for (const end of ["", "/sources", "/participants", "/links", "/preview", "/data"]) {
     const response = await page.goto(`${server.url}/studies/yellow${end}`);
     assert.equal(response.status(), 200);
     await fits(page);
@@ -135,7 +135,7 @@ test("a draft is opened, taken, paused, and its run erased", { timeout: 240_000 
   await picture(page, "studies-data");
   await fits(page);
   const download = page.waitForEvent("download");
-  await page.getByRole("button", { name: /Long table/ }).click();
+  await page.getByRole("link", { name: /Long table/ }).click();
   assert.match((await download).suggestedFilename(), /^yellow.*\.csv$/);
 
   await page.getByRole("link", { name: "Participants" }).click();
@@ -184,7 +184,7 @@ for (const [name, options] of [
     await logIn(page);
     await fits(page);
     await picture(page, `studies-list-${name}`);
-    for (const end of ["", "/participants", "/links", "/preview", "/data"]) {
+    for (const end of ["", "/sources", "/participants", "/links", "/preview", "/data"]) {
       const response = await page.goto(`${server.url}/studies/yellow${end}`);
       assert.equal(response.status(), 200);
       await fits(page);

@@ -412,15 +412,52 @@ async fn each_form_of_export_is_linked_and_opens_and_the_paragraph_adds_up() {
         "1 person completed the study (1 from pilot). Gender: Woman 100 %. The median age was 33 years (range 33 to \
          33). Of 2 who started, 1 did not finish. The median time from start to end was 0.0 minutes."
     );
-    let files = page.attributes(".exports form", "action");
+    let files = page.attributes(".exports a.button", "href");
     assert_eq!(files.len(), 7);
     for file in files {
         assert_eq!(app.get(&file).await.status, StatusCode::OK, "{file}");
     }
-    let with_ids = app.client.get(format!(
-        "{}/results/driving/data/wide.csv?ids=hashed",
-        app.url
-    ));
-    assert_eq!(with_ids.send().await.unwrap().status(), StatusCode::OK);
+    for file in page.attributes(".exports form", "action") {
+        let page = app.get(&format!("{file}?ids=hashed")).await;
+        assert_eq!(page.status, StatusCode::OK, "{file}");
+    }
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn choices_are_told_apart_by_source_unless_the_study_is_blind() {
+    let app = App::start().await;
+    for (query, action) in [
+        ("?source=lab", "stop"),
+        ("?source=lab", "stop"),
+        ("?source=web", "accelerate"),
+    ] {
+        let mut person = app.participant(query).await;
+        person.finishes(action).await;
+    }
+    let page = app.get("/studies/driving/sources").await;
+    assert_eq!(page.status, StatusCode::OK);
+    // Ten cells, two of them without information, each with two sources.
+    let rows = page.texts("tbody tr");
+    assert_eq!(rows.len(), 20);
+    let cells = page.texts("tbody tr:first-child td");
+    assert_eq!(
+        cells[..5],
+        ["lab", "2", "Accelerate", "0", "0 %"].map(str::to_owned)
+    );
+    let cells = page.texts("tbody tr:nth-child(2) td");
+    assert_eq!(
+        cells[..5],
+        ["web", "1", "Accelerate", "1", "100 %"].map(str::to_owned)
+    );
+    app.stop().await;
+
+    let mut studies = App::built_in();
+    for (_, text) in &mut studies {
+        *text = text.replace("# blind_until = 30 ", "blind_until = 3 #");
+    }
+    let app = App::with(Clock::manual(START), studies).await;
+    let page = app.get("/studies/driving/sources").await;
+    assert_eq!(page.status, StatusCode::FORBIDDEN);
     app.stop().await;
 }

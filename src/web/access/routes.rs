@@ -107,6 +107,11 @@ pub const ROUTES: &[Route] = &[
     ),
     route("/studies/{study}/links", DATA, "open the links"),
     route("/studies/{study}/data", DATA, "open the exports"),
+    route(
+        "/studies/{study}/sources",
+        RESULTS,
+        "look at choices by source",
+    ),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
     route(
         "/studies/{study}/preview/start",

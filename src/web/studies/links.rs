@@ -102,7 +102,7 @@ fn links(study: &Study, base: &str, source: &str) -> Vec<Link> {
     let mturk = if study.recruiting().mturk_frame {
         "As the address of an external question: MTurk adds workerId, assignmentId, hitId and turkSubmitTo itself."
     } else {
-        "In a HIT that links to the study: write the worker’s id in place of WORKER_ID. To show the study inside of MTurk, say `frame = true` under `[recruiting.mturk]` in the study file."
+        "In a HIT that links to the study: write the worker’s id in place of WORKER_ID. To show the study inside of MTurk, say frame = true under [recruiting.mturk] in the study file."
     };
     let mturk_query: &[&str] = if study.recruiting().mturk_frame {
         &[]
@@ -157,16 +157,22 @@ fn endings(study: &Study) -> Vec<EndingLine> {
     .into_iter()
     .map(|(who, ending)| {
         let page = study.ending(ending);
-        let (code, shown) = match &page.code {
-            CompletionCode::Fixed(code) => (code.clone(), code.as_str()),
-            CompletionCode::PerRun => ("another one for each person".to_owned(), "CODE"),
-            CompletionCode::Absent => ("none".to_owned(), ""),
+        let (code, shown, otherwise) = match &page.code {
+            CompletionCode::Fixed(code) => {
+                (code.clone(), code.as_str(), "nowhere; is shown the code")
+            }
+            CompletionCode::PerRun => (
+                "another one for each person".to_owned(),
+                "CODE",
+                "nowhere; is shown the code",
+            ),
+            CompletionCode::Absent => ("none".to_owned(), "", "nowhere"),
         };
         EndingLine {
             who,
             redirect: page
                 .redirect_url(shown)
-                .unwrap_or_else(|| "nowhere; the code is shown".to_owned()),
+                .unwrap_or_else(|| otherwise.to_owned()),
             code,
         }
     })

@@ -9,6 +9,7 @@ mod overview;
 mod participants;
 mod preview;
 mod progress;
+mod sources;
 mod state;
 mod words;
 
@@ -47,6 +48,7 @@ pub(super) fn router() -> Router<AppState> {
         )
         .route("/studies/{study}/links", get(links::show))
         .route("/studies/{study}/data", get(data::show))
+        .route("/studies/{study}/sources", get(sources::show))
         .route("/studies/{study}/preview", get(preview::show))
         .route("/studies/{study}/preview/start", post(preview::start))
 }
@@ -86,7 +88,7 @@ impl Head {
 
     /// The pages that this reader may open: end of the address, name.
     fn pages(&self) -> Vec<(&'static str, &'static str)> {
-        let mut pages = vec![("", "Overview")];
+        let mut pages = vec![("", "Overview"), ("/sources", "Sources")];
         if self.may_data {
             pages.extend([
                 ("/participants", "Participants"),
