@@ -101,6 +101,9 @@ enum Command {
     Import(import::Arguments),
     /// Ask a running server whether it is well
     Health(health::HealthArgs),
+    /// Write the OpenAPI document of the server's API
+    #[command(name = "openapi", hide = true)]
+    OpenApi,
 }
 
 impl Cli {
@@ -156,6 +159,9 @@ impl Command {
             Self::Doctor(arguments) => runtime()?.block_on(doctor::run(arguments)),
             Self::Import(arguments) => block_on(import::run(arguments)),
             Self::Health(args) => block_on(health::run(args)),
+            Self::OpenApi => {
+                output::print(crate::web::document().as_bytes()).map(|()| ExitCode::SUCCESS)
+            }
         }
     }
 }

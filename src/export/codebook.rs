@@ -8,7 +8,7 @@ use super::columns::{self, Column, Level};
 use super::{Export, ExportError, wide_columns};
 
 /// Every column of the tables.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct Codebook {
     /// The study.
     pub study: String,
@@ -23,7 +23,7 @@ pub struct Codebook {
 }
 
 /// A table of the data.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub struct Table {
     /// Its name.
     pub name: &'static str,

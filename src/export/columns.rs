@@ -13,7 +13,7 @@ use crate::study::{Asks, Study};
 pub(super) const LONG_BEFORE_FACTORS: usize = 8;
 
 /// A column of a table.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Column {
     /// The text in the table's header.
     pub name: String,
@@ -33,7 +33,7 @@ pub struct Column {
 }
 
 /// What the cells of a column are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ColumnKind {
     /// Words.
@@ -62,7 +62,7 @@ impl ColumnKind {
 }
 
 /// A value with its meaning.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Level {
     /// What stands in the cell.
     pub code: String,

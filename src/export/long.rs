@@ -15,7 +15,7 @@ use crate::study::Study;
 const PAGE_ROWS: u32 = 2_000;
 
 /// An answer in the long form.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct Answer<'a> {
     study: &'a str,
     version: i64,
@@ -25,7 +25,9 @@ pub struct Answer<'a> {
     position: u32,
     question: &'a str,
     problem: String,
+    #[schema(value_type = HashMap<String, String>)]
     levels: OrderedMap<&'a str>,
+    #[schema(value_type = Option<String>)]
     action: Option<&'a str>,
     status: AnswerStatus,
     shown_at_ms: Option<i64>,
@@ -33,8 +35,10 @@ pub struct Answer<'a> {
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
     limit_ms: Option<u64>,
+    #[schema(value_type = Option<String>)]
     input: Option<&'a str>,
     hidden_ms: Option<u64>,
+    #[schema(value_type = Option<String>)]
     source: Option<&'a str>,
     simulated: bool,
 }

@@ -61,7 +61,7 @@ pub fn reference_level(actions: usize, n: u64) -> f64 {
 
 /// ln KL over independent posterior samples. Where a sample's KL is exactly 0 or infinite, mean and sd are missing; where
 /// one is no number, all figures are.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LnKl {
     /// Mean.
     pub mean: Option<f64>,
@@ -110,7 +110,7 @@ impl LnKl {
 }
 
 /// How one model does on one cell.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct CellAccuracy {
     /// The cell's problem id.
     pub problem: String,
@@ -128,9 +128,11 @@ pub struct CellAccuracy {
     pub smoothed: LnKl,
     /// ln KL of each sample, nothing where KL is exactly 0.
     #[serde(with = "stored_samples")]
+    #[schema(value_type = Vec<Option<stored_samples::Stored>>)]
     pub samples: Vec<Option<f64>>,
     /// The same against smoothed shares.
     #[serde(with = "stored_samples")]
+    #[schema(value_type = Vec<Option<stored_samples::Stored>>)]
     pub smoothed_samples: Vec<Option<f64>>,
 }
 
@@ -189,9 +191,10 @@ pub fn ln_divergence(observed: &[f64], ln_predicted: &[f64]) -> Option<f64> {
 mod stored_samples {
     use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
-    #[derive(Serialize, Deserialize)]
+    #[derive(Serialize, Deserialize, utoipa::ToSchema)]
+    #[schema(as = StoredSample)]
     #[serde(untagged)]
-    enum Stored {
+    pub enum Stored {
         Finite(f64),
         NotFinite(String),
     }
@@ -257,7 +260,7 @@ pub fn pooled(cells: &[&CellAccuracy], shares: Shares) -> LnKl {
 }
 
 /// A t-test.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct TTest {
     /// The statistic.
     pub t: f64,

@@ -18,7 +18,7 @@ const REPLICATIONS: usize = 1000;
 const PROVISIONAL_REPLICATIONS: usize = 200;
 
 /// One cell's answers beside answers replicated from the posterior.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PredictiveCheck {
     /// The cell's problem id.
     pub problem: String,
@@ -34,7 +34,7 @@ pub struct PredictiveCheck {
 }
 
 /// One action's count beside replicated counts, as shares of n.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ActionCheck {
     /// The action.
     pub action: String,

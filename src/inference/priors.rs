@@ -12,7 +12,7 @@ pub const WEIGHTING_FLOOR: f64 = 0.28;
 pub const PAPER_RANGE_FLOOR: f64 = 0.05;
 
 /// The prior of one parameter.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Prior {
     /// Every value between two bounds is equally likely.
@@ -119,7 +119,7 @@ impl Prior {
 }
 
 /// The priors of all parameters. Sensitivity has its prior on τ = θ |v(R_ref)|, which is free of units.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct Priors {
     /// α, default Uniform(0, 1).

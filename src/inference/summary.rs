@@ -8,7 +8,7 @@ use super::{LossAversion, Note, Priors};
 use crate::model::{OrderedMap, RiskAwareOptions};
 
 /// The summary of a fit. In JSON numbers that do not exist are `null`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FitSummary {
     /// The model's id.
     pub model: String,
@@ -18,12 +18,15 @@ pub struct FitSummary {
     #[serde(default)]
     pub provisional: bool,
     /// What the data say about the parameters, in the order in which they are reported.
+    #[schema(value_type = Option<HashMap<String, ParameterSummary>>)]
     pub parameters: Option<OrderedMap<ParameterSummary>>,
     /// Highest ln L within the ranges of the parameters, without binomial coefficients.
     pub max_log_likelihood: Option<f64>,
     /// The parameters there; `null` for one that the choices say nothing about.
+    #[schema(value_type = Option<HashMap<String, Option<f64>>>)]
     pub max_likelihood_parameters: Option<OrderedMap<Option<f64>>>,
     /// The parameters at the highest posterior density on the sampler's coordinates.
+    #[schema(value_type = Option<HashMap<String, f64>>)]
     pub posterior_mode: Option<OrderedMap<f64>>,
     /// Loss aversion at the study's small, median and large amounts, where it depends on the amount.
     #[serde(default)]
@@ -34,8 +37,10 @@ pub struct FitSummary {
     /// ln of the likelihood averaged over the prior.
     pub log_marginal_likelihood: Option<Estimate>,
     /// ln KL of each problem that has answers, over independent posterior samples.
+    #[schema(value_type = Option<HashMap<String, LnKl>>)]
     pub log_kl: Option<OrderedMap<LnKl>>,
     /// Probability of each action of each problem.
+    #[schema(value_type = Option<HashMap<String, HashMap<String, PredictedShare>>>)]
     pub predicted: Option<OrderedMap<OrderedMap<PredictedShare>>>,
     /// Convergence of each quantity, shown whether converged or not.
     pub diagnostics: Diagnostics,
@@ -86,13 +91,15 @@ impl FitSummary {
 }
 
 /// The posterior of one quantity, beside its prior.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ParameterSummary {
     /// Posterior mean.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub mean: f64,
     /// Posterior standard deviation. Sensitivity has heavy tails: judge it by quantiles.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub sd: f64,
     /// 5 % quantile.
     pub q5: f64,
@@ -102,18 +109,23 @@ pub struct ParameterSummary {
     pub q95: f64,
     /// Rank-normalised split R̂.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub rhat: f64,
     /// Effective sample size for the middle.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub ess_bulk: f64,
     /// Effective sample size for the tails.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub ess_tail: f64,
     /// Monte-Carlo standard error of the mean.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub mcse_mean: f64,
     /// Monte-Carlo standard error of the median.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub mcse_q50: f64,
     /// 5 % quantile of the prior.
     pub prior_q5: f64,
@@ -123,6 +135,7 @@ pub struct ParameterSummary {
     pub prior_q95: f64,
     /// 1 − Var(posterior)/Var(prior) on the unconstrained coordinate; negative if the data made it vaguer.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub contraction: f64,
     /// Whether the data said something about it: contraction of 0.1 or more, and not tied to the prior by structure.
     pub informed: bool,
@@ -131,7 +144,7 @@ pub struct ParameterSummary {
 }
 
 /// Where a quantity's posterior comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
     /// From choices.
@@ -141,25 +154,30 @@ pub enum Source {
 }
 
 /// Convergence of everything that a fit reports.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Diagnostics {
     /// Of each parameter.
+    #[schema(value_type = HashMap<String, QuantityDiagnostics>)]
     pub parameters: OrderedMap<QuantityDiagnostics>,
     /// Of the predicted probabilities of each problem, the worst action's.
+    #[schema(value_type = HashMap<String, QuantityDiagnostics>)]
     pub predicted: OrderedMap<QuantityDiagnostics>,
 }
 
 /// Convergence of one quantity.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct QuantityDiagnostics {
     /// Rank-normalised split R̂; `null` if the quantity never moved.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub rhat: f64,
     /// Effective sample size for the middle.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub ess_bulk: f64,
     /// Effective sample size for the tails.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub ess_tail: f64,
 }
 
@@ -179,7 +197,7 @@ impl From<Convergence> for QuantityDiagnostics {
 }
 
 /// An action's probability.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PredictedShare {
     /// Posterior mean.
     pub mean: f64,
@@ -190,7 +208,7 @@ pub struct PredictedShare {
 }
 
 /// A number with its Monte-Carlo error.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Estimate {
     /// The number.
     pub value: f64,

@@ -45,7 +45,7 @@ pub struct RuleReached {
 }
 
 /// A study's rule as it is stored and exported.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub struct RuleText<'a> {
     /// The plan whose fits are followed.
     pub plan: &'a str,
@@ -56,12 +56,15 @@ pub struct RuleText<'a> {
     /// The bound on the Bayes factor, in favour of either of `models`.
     pub bayes_factor: Option<f64>,
     /// The two models, the first against the second.
+    #[schema(value_type = Option<[String; 2]>)]
     pub models: Option<[&'a str; 2]>,
     /// The bound on the width of the 90 % interval of `quantity` in `model`.
     pub width_below: Option<f64>,
     /// The model.
+    #[schema(value_type = Option<String>)]
     pub model: Option<&'a str>,
     /// The quantity.
+    #[schema(value_type = Option<String>)]
     pub quantity: Option<&'a str>,
 }
 

@@ -24,7 +24,7 @@ use crate::{
 };
 
 /// Which data and which fits are shown. Each number moves when its half changed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Version {
     /// Moves with every change of the data.
     pub data_version: i64,
@@ -73,7 +73,7 @@ pub struct Snapshot {
 }
 
 /// Results are hidden until enough people have finished.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 pub struct Blind {
     /// How many people it takes.
     pub until: u64,
@@ -111,7 +111,7 @@ pub struct PartFit {
 }
 
 /// How far the fit of a part is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PartState {
     /// Nobody has answered yet.

@@ -47,7 +47,7 @@ enum Kind {
 }
 
 /// A finished sweep.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 #[serde(untagged)]
 pub enum SweepResult {
     /// Over the share of an action.

@@ -4,6 +4,7 @@ use std::fmt;
 
 use serde::de::{Deserialize, Deserializer, Error as _};
 use serde::ser::{Serialize, SerializeMap, Serializer};
+use utoipa::openapi::{ArrayBuilder, ObjectBuilder};
 
 use super::{OrderedMap, Outcome, Prospect, ProspectError};
 
@@ -109,6 +110,26 @@ impl fmt::Display for ChoiceProblem {
             }
         }
         Ok(())
+    }
+}
+
+impl utoipa::ToSchema for ChoiceProblem {}
+
+impl utoipa::PartialSchema for ChoiceProblem {
+    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
+        let outcome = ArrayBuilder::new()
+            .description(Some("[probability, reward]"))
+            .items(f64::schema())
+            .min_items(Some(2))
+            .max_items(Some(2));
+        let prospect = ArrayBuilder::new().items(outcome).min_items(Some(1));
+        ObjectBuilder::new()
+            .description(Some(
+                "Two or more named actions, each with its outcomes; the probabilities of an action sum to 1",
+            ))
+            .additional_properties(Some(prospect))
+            .min_properties(Some(2))
+            .into()
     }
 }
 

@@ -6,7 +6,7 @@ use super::psychophysics::{WeightingFunction, value};
 use super::{ChoiceProblem, Parameter, Parameters, Prospect};
 
 /// Where an outcome of exactly nothing belongs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ZeroOutcome {
     /// Nothing is a gain, as in the paper's value function.
@@ -17,7 +17,7 @@ pub enum ZeroOutcome {
 }
 
 /// The choices within the Risk-Aware model that are not parameters.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RiskAwareOptions {
     /// Whether decision weights are divided by their sum (the paper; not Tversky & Kahneman 1992).

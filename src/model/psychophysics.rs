@@ -40,7 +40,7 @@ pub fn weighting(p: f64, gamma: f64) -> f64 {
 }
 
 /// A family of probability weighting functions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum WeightingFunction {
     /// `w(p) = p^γ / (p^γ + (1−p)^γ)^(1/γ)`, without elevation. Source: Tversky & Kahneman (1992), equation 6.

@@ -2,13 +2,11 @@
 
 use askama::Template;
 use axum::{
-    Json,
     http::{HeaderValue, StatusCode, header},
     response::{Html, IntoResponse, Response},
 };
-use serde::Serialize;
 
-use super::assets;
+use super::{assets, problem::Problem};
 use crate::{export::ExportError, jobs::Blind, store, study::StepError};
 
 /// Everything a handler can fail with. The visitor's text and the log's text differ: inner errors only reach the log.
@@ -82,6 +80,29 @@ impl Error {
             Self::Closed(_) => StatusCode::GONE,
             Self::Busy => StatusCode::SERVICE_UNAVAILABLE,
             Self::Internal(_) => StatusCode::INTERNAL_SERVER_ERROR,
+        }
+    }
+
+    /// The error as programs are told of it.
+    fn problem(&self) -> Problem {
+        Problem {
+            blind: match self {
+                Self::Blind(blind) => Some(*blind),
+                Self::NotFound(_)
+                | Self::MethodNotAllowed
+                | Self::Unauthorized { .. }
+                | Self::TooMany { .. }
+                | Self::Forbidden(_)
+                | Self::BadRequest(_)
+                | Self::UnsupportedMediaType
+                | Self::TooLarge
+                | Self::Unprocessable(_)
+                | Self::Conflict(_)
+                | Self::Closed(_)
+                | Self::Busy
+                | Self::Internal(_) => None,
+            },
+            ..Problem::new(self.status(), self.to_string())
         }
     }
 
@@ -175,17 +196,20 @@ struct ErrorPage {
 impl IntoResponse for Error {
     fn into_response(self) -> Response {
         self.log();
-        let status = self.status();
+        let problem = self.problem();
         let page = ErrorPage {
             title: if let Self::Closed(_) = &self {
                 "You cannot start this study now"
             } else {
-                status.canonical_reason().unwrap_or("Error")
+                problem.title
             },
-            message: sentence(&self.to_string()),
+            message: sentence(&problem.detail),
         };
         let body = page.render().unwrap_or_else(|_| page.message.clone());
-        self.hint((status, Html(body)).into_response())
+        let mut response = self.hint((self.status(), Html(body)).into_response());
+        // A layer that knows only pages may speak for the API.
+        response.extensions_mut().insert(problem);
+        response
     }
 }
 
@@ -199,47 +223,10 @@ impl<E: Into<Error>> From<E> for ApiError {
     }
 }
 
-#[derive(Serialize)]
-struct Problem {
-    title: &'static str,
-    status: u16,
-    detail: String,
-    /// What would show the results.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    blind: Option<Blind>,
-}
-
 impl IntoResponse for ApiError {
     fn into_response(self) -> Response {
         self.0.log();
-        let status = self.0.status();
-        let problem = Problem {
-            title: status.canonical_reason().unwrap_or("Error"),
-            status: status.as_u16(),
-            detail: self.0.to_string(),
-            blind: match &self.0 {
-                Error::Blind(blind) => Some(*blind),
-                Error::NotFound(_)
-                | Error::MethodNotAllowed
-                | Error::Unauthorized { .. }
-                | Error::TooMany { .. }
-                | Error::Forbidden(_)
-                | Error::BadRequest(_)
-                | Error::UnsupportedMediaType
-                | Error::TooLarge
-                | Error::Unprocessable(_)
-                | Error::Conflict(_)
-                | Error::Closed(_)
-                | Error::Busy
-                | Error::Internal(_) => None,
-            },
-        };
-        let mut response = self.0.hint((status, Json(problem)).into_response());
-        response.headers_mut().insert(
-            header::CONTENT_TYPE,
-            HeaderValue::from_static("application/problem+json"),
-        );
-        response
+        self.0.hint(self.0.problem().into_response())
     }
 }
 

@@ -14,6 +14,16 @@ use crate::{
     study::StudyId,
 };
 
+/// One event of a stream.
+#[derive(utoipa::ToSchema)]
+#[expect(dead_code, reason = "describes what axum writes")]
+pub(super) struct VersionEvent {
+    /// Always `version`.
+    event: String,
+    /// A `Version` as JSON, such as `{"data_version":450,"fit_version":22}`.
+    data: String,
+}
+
 /// Streams that may be open at a time, so that watchers cannot use up the connections that answers need.
 static OPEN: Semaphore = Semaphore::const_new(256);
 

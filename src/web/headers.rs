@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::{
     extract::{Request, State},
-    http::{HeaderName, HeaderValue, header},
+    http::{HeaderMap, HeaderName, HeaderValue, header},
     middleware::Next,
     response::Response,
 };
@@ -48,13 +48,28 @@ pub(super) async fn set(
     if settings.is_https() {
         headers.insert(header::STRICT_TRANSPORT_SECURITY, STRICT_TRANSPORT);
     }
-    // Only files that have their hash in their address may be kept; event streams say `no-cache`, which lets be kept.
+    // Only files that have their hash in their address may be kept, and what is asked for again by its tag; event streams
+    // say `no-cache`, which lets be kept.
     let is_immutable = headers
         .get(header::CACHE_CONTROL)
         .and_then(|cache| cache.to_str().ok())
         .is_some_and(|cache| cache.contains("immutable"));
-    if !is_immutable {
+    if !is_immutable && !headers.contains_key(header::ETAG) {
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
     }
+    if headers.contains_key(header::CONTENT_ENCODING) {
+        weaken_tag(headers);
+    }
     response
+}
+
+/// A strong tag promises the same bytes, and compressed ones are others (RFC 9110, section 8.8.3.3).
+fn weaken_tag(headers: &mut HeaderMap) {
+    let strong = headers
+        .get(header::ETAG)
+        .and_then(|tag| tag.to_str().ok())
+        .filter(|tag| tag.starts_with('"'));
+    if let Some(Ok(weak)) = strong.map(|tag| HeaderValue::from_str(&format!("W/{tag}"))) {
+        headers.insert(header::ETAG, weak);
+    }
 }

@@ -11,6 +11,7 @@ mod events;
 mod headers;
 mod home;
 mod participant;
+mod problem;
 mod replays;
 mod results;
 mod server;
@@ -40,6 +41,7 @@ use tower_http::{
 
 pub use self::{
     access::{Limits, PublicUrl},
+    api::document,
     error::{ApiError, Error},
     replays::Replays,
     results::{FitReportPage, analysis_json},
@@ -134,6 +136,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .merge(results::router())
         .merge(api::router())
         .merge(api::router_of_pages())
+        .merge(api::description())
         .merge(assets::router())
         .fallback(|| async { Error::NotFound("page") })
         .method_not_allowed_fallback(|| async { Error::MethodNotAllowed })
@@ -152,6 +155,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
                     headers::set,
                 ))
                 .layer(CompressionLayer::new())
+                .layer(middleware::from_fn(problem::complete))
                 .layer(CsrfLayer::new().with_rejection_response(access::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),

@@ -10,7 +10,7 @@ use crate::{
     crowd::{Background, completes, drives, until},
 };
 
-async fn catalogue(app: &App) -> Catalogue {
+pub async fn catalogue(app: &App) -> Catalogue {
     let files = study::built_in()
         .into_iter()
         .map(|(name, text)| (name.to_owned(), text.to_owned()))
@@ -18,7 +18,7 @@ async fn catalogue(app: &App) -> Catalogue {
     Catalogue::publish(&app.store, files).await.unwrap()
 }
 
-async fn request(app: &App, method: Method, path: &str) -> Response {
+pub async fn request(app: &App, method: Method, path: &str) -> Response {
     app.client
         .request(method, format!("{}{path}", app.url))
         .send()
@@ -26,7 +26,7 @@ async fn request(app: &App, method: Method, path: &str) -> Response {
         .unwrap()
 }
 
-async fn json_of(app: &App, path: &str) -> Value {
+pub async fn json_of(app: &App, path: &str) -> Value {
     let response = request(app, Method::GET, path).await;
     assert_eq!(response.status(), StatusCode::OK, "{path}");
     response.json().await.unwrap()
@@ -151,7 +151,13 @@ async fn answers_page_by_cursor_and_the_exports_hold_the_same_rows() {
             .headers()
             .get(header::LINK)
             .map(|link| link.to_str().unwrap().to_owned());
-        path = link.map(|link| link.split(['<', '>']).nth(1).unwrap().to_owned());
+        let next = |link: String| {
+            let next = link
+                .split(", ")
+                .find(|link| link.contains("rel=\"next\""))?;
+            Some(next.split(['<', '>']).nth(1)?.to_owned())
+        };
+        path = link.and_then(next);
         let page: Value = response.json().await.unwrap();
         paged.extend(page["answers"].as_array().unwrap().clone());
     }

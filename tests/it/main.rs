@@ -2,6 +2,8 @@
 
 mod accounts;
 mod api;
+mod api_document;
+mod api_http;
 mod app;
 mod architecture;
 mod building_blocks;

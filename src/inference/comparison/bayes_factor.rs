@@ -19,7 +19,7 @@ use crate::model::{ChoiceModel, Parameter};
 ///
 /// It depends on the priors, and should never be shown without saying so. Binomial coefficients are left out, which
 /// changes nothing: both models have the same.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct BayesFactor {
     /// ln BF with its Monte-Carlo error: above 0 the first model makes the answers likelier.
     pub ln: Estimate,
@@ -30,7 +30,7 @@ pub struct BayesFactor {
 }
 
 /// The Bayes factor under changed priors.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct SensitivityRow {
     /// What was changed.
     pub change: PriorChange,
@@ -43,7 +43,7 @@ pub struct SensitivityRow {
 }
 
 /// A change of the priors of both models.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PriorChange {
     /// The log-sd of the sensitivity τ.
@@ -57,7 +57,9 @@ pub enum PriorChange {
 /// Verbal grades of a Bayes factor, whichever model it favours.
 ///
 /// Source: Lee & Wagenmakers (2013), *Bayesian cognitive modeling*, table 7.1, after Jeffreys (1961).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, utoipa::ToSchema,
+)]
 #[serde(rename_all = "snake_case")]
 pub enum EvidenceWords {
     /// Up to 3.

@@ -45,7 +45,7 @@ impl Default for BootstrapSettings {
 /// if k̂ and the effective sample size allow it; else, as for most resamples of a model with many parameters, from a fit
 /// of its own. Highest points of the likelihood would be cheaper, but lie at the ends of the ranges or nowhere where
 /// choices say little, and are not what is reported elsewhere.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Bootstrap {
     /// How often people were drawn.
     pub resamples: usize,
@@ -54,13 +54,15 @@ pub struct Bootstrap {
     /// How many were left out because that fit did not converge.
     pub left_out: usize,
     /// Of the posterior median of each quantity.
+    #[schema(value_type = HashMap<String, ResampledInterval>)]
     pub parameters: OrderedMap<ResampledInterval>,
     /// Of the predicted share of each action of each problem.
+    #[schema(value_type = HashMap<String, HashMap<String, ResampledInterval>>)]
     pub predicted: OrderedMap<OrderedMap<ResampledInterval>>,
 }
 
 /// The middle 90 % over resamples.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ResampledInterval {
     /// 5 % quantile; missing if no resample could be used.
     pub q5: Option<f64>,

@@ -50,7 +50,7 @@ impl Default for Resampling {
 }
 
 /// Two cells that the same people answered.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PairedCells {
     /// The factor whose levels differ; all others are equal.
     pub factor: String,
@@ -71,7 +71,7 @@ pub struct PairedCells {
 }
 
 /// All plain tests of a study.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ChoiceTests {
     /// Each cell with two actions and an answer, against one half.
     pub cells: Vec<HalfTest>,
@@ -85,7 +85,7 @@ pub struct ChoiceTests {
 }
 
 /// Whether the first of two actions is chosen half of the time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct HalfTest {
     /// The cell's id.
     pub cell: String,
@@ -108,7 +108,7 @@ pub struct HalfTest {
 }
 
 /// Whether an action is chosen equally often in two cells.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct PairTest {
     /// The cells and how many people chose what.
     #[serde(flatten)]

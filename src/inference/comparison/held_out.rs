@@ -64,7 +64,7 @@ impl Default for HeldOutSettings {
 /// Cells are held out by id. Where several ask the same problem (cells that differ by a time limit only), its copies stay
 /// among the others ([`HeldOutProblem::copies`]), and what is scored is the prediction of a cell, not of a new problem. A
 /// model errs alike on copies, so standard errors take all cells of a problem for one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct HeldOut {
     /// Whether several problems were held out at a time.
     pub folds: bool,
@@ -74,11 +74,12 @@ pub struct HeldOut {
     pub problems: Vec<HeldOutProblem>,
     /// Sums over problems: chance, the observed share of the others, and each model. Missing for a model with a fit that
     /// did not converge.
+    #[schema(value_type = HashMap<String, HeldOutScore>)]
     pub scores: OrderedMap<Option<HeldOutScore>>,
 }
 
 /// Predictions of one problem from the others.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct HeldOutProblem {
     /// The problem's id.
     pub problem: String,
@@ -94,31 +95,35 @@ pub struct HeldOutProblem {
     /// Observed share of each action.
     pub observed: Vec<f64>,
     /// By chance, by the observed share of the others, and by each model.
+    #[schema(value_type = HashMap<String, HeldOutPrediction>)]
     pub predictions: OrderedMap<Option<HeldOutPrediction>>,
 }
 
 /// One prediction of one problem.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct HeldOutPrediction {
     /// P̄ of each action.
     pub predicted: Vec<f64>,
     /// Σ_a n(a) ln P̄(a), in nats.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub score: f64,
     /// ln KL of the observed shares to P̄; missing where KL is 0 or infinite.
     pub ln_kl: Option<f64>,
 }
 
 /// The score of all problems that were held out.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct HeldOutScore {
     /// Σ over problems, in nats.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub score: f64,
     /// √(C·Var) over the C distinct problems, the scores of each one's cells summed; missing for fewer than two.
     pub se: Option<f64>,
     /// The score divided by the number of answers.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub per_answer: f64,
     /// Mean over problems of ln KL; missing where one is.
     pub mean_ln_kl: Option<f64>,

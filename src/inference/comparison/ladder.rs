@@ -8,7 +8,7 @@ use super::score::{ScoreDifference, Weighted, sum_and_se};
 use crate::inference::summary::null_as_nan;
 
 /// One rung: a model, and what it gains over the one before.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LadderStep {
     /// The model's id, or `random`.
     pub id: String,
@@ -21,13 +21,15 @@ pub struct LadderStep {
 }
 
 /// A score, and its distance from the step before.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct StepScore {
     /// Expected log score, in nats.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub score: f64,
     /// The same per answer; chance among A actions has −ln A.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub per_answer: f64,
     /// What it gains over the step before; missing for the first, and after a step without a score.
     pub gain: Option<ScoreDifference>,

@@ -30,15 +30,17 @@ pub const LEAST_UNITS: u64 = 30;
 /// * yᵢ: all answers of unit i in the plan; y₋ᵢ: those of all other units.
 ///
 /// Where parts are fitted apart, a unit's score is the sum over its parts.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LeaveOneOut {
     /// elpd in nats.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub elpd: f64,
     /// Its standard error √(N·Var elpdᵢ); missing for fewer than two units.
     pub se: Option<f64>,
     /// p_loo: by how much the score of the same answers is higher if they are not left out.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub effective_parameters: f64,
     /// N, how many units.
     pub units: u64,
@@ -53,7 +55,7 @@ pub struct LeaveOneOut {
 }
 
 /// The difference between two models when units are left out.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LeaveOneOutDifference {
     /// Over units.
     #[serde(flatten)]

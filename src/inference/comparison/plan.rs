@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::inference::{ChoiceData, FittedProblem};
 
 /// What is left out as one when predictions are scored, and drawn as one when answers are resampled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ResampledUnit)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
     /// All answers of a person.

@@ -16,7 +16,8 @@ use crate::inference::{Estimate, FitError, FitSettings, fit};
 use crate::model::{ChoiceModel, OrderedMap};
 
 /// A comparison of models over one plan of one study. In JSON numbers that do not exist are `null`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ModelComparison)]
 pub struct Comparison {
     /// What was left out and resampled as one.
     pub unit: Unit,
@@ -27,6 +28,7 @@ pub struct Comparison {
     /// The parts that were fitted apart.
     pub parts: Vec<String>,
     /// Each model by itself, in the order given: from the simplest to the richest.
+    #[schema(value_type = HashMap<String, ModelScores>)]
     pub models: OrderedMap<ModelScores>,
     /// Every two models, the later one of the order first.
     pub pairs: Vec<Pair>,
@@ -52,7 +54,7 @@ impl Comparison {
 }
 
 /// One model's scores.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ModelScores {
     /// The model's name for people.
     pub label: String,
@@ -63,11 +65,13 @@ pub struct ModelScores {
     /// ln marginal likelihood, the sum over parts.
     pub log_marginal_likelihood: Option<Estimate>,
     /// Intervals over resampled people, by part; missing if not asked for.
+    #[schema(value_type = Option<HashMap<String, Bootstrap>>)]
     pub bootstrap: Option<OrderedMap<Bootstrap>>,
 }
 
 /// What speaks for one model against another.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = ModelPair)]
 pub struct Pair {
     /// The model that positive figures speak for.
     pub first: String,

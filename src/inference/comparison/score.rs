@@ -5,10 +5,11 @@ use serde::{Deserialize, Serialize};
 use crate::inference::summary::null_as_nan;
 
 /// A difference in expected log score between two models, first minus second, over the same units.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ScoreDifference {
     /// Σ Δᵢ in nats: above 0 the first model predicts better.
     #[serde(deserialize_with = "null_as_nan")]
+    #[schema(value_type = Option<f64>)]
     pub value: f64,
     /// √(N·Var Δᵢ); missing for fewer than two units.
     pub se: Option<f64>,

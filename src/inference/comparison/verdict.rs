@@ -19,7 +19,8 @@ pub struct Hypothesis<'a> {
 }
 
 /// What a comparison says on a hypothesis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = HypothesisVerdict)]
 pub struct Verdict {
     /// The hypothesis' name.
     pub hypothesis: String,
@@ -36,7 +37,8 @@ pub struct Verdict {
 }
 
 /// Whether a hypothesis holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = HypothesisOutcome)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
     /// Every criterion speaks for it.
@@ -48,7 +50,7 @@ pub enum Outcome {
 }
 
 /// One criterion and what it says.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Criterion {
     /// Which one.
     pub question: Question,
@@ -61,7 +63,8 @@ pub struct Criterion {
 }
 
 /// What a criterion asks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = CriterionQuestion)]
 #[serde(rename_all = "snake_case")]
 pub enum Question {
     /// Prediction of problems from other problems.
@@ -75,7 +78,7 @@ pub enum Question {
 }
 
 /// Which side a criterion takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Leaning {
     /// For the claim.

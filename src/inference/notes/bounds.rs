@@ -13,7 +13,8 @@ const NEAR: f64 = 0.01;
 const ACTIVE: f64 = 0.05;
 
 /// An end of a prior.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[schema(as = PriorEnd)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
     /// The lower one.

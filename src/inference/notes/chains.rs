@@ -15,7 +15,7 @@ const STUCK: f64 = 0.01;
 const APART: f64 = 0.1;
 
 /// Where one chain's draws lie among those of all chains.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct ChainPosition {
     /// Which chain, counted from 1.
     pub chain: usize,

@@ -16,7 +16,7 @@ use crate::model::{ChoiceProblem, Parameter};
 /// * x: the amount, above 0, in the unit of rewards.
 ///
 /// Where α = β this is λ for every amount; elsewhere λ is the value at an amount of 1, which depends on the unit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LossAversion {
     /// The amount x.
     pub amount: f64,

@@ -19,12 +19,13 @@ use super::{ChoiceData, Fit, ParameterSummary, Quantity, Source};
 use crate::model::{ChoiceProblem, Parameter};
 
 /// Something that limits what may be read off a fit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Note {
     /// Every reward is a loss or nothing.
     LossesOnly {
         /// Parameters of which the choices say nothing.
+        #[schema(value_type = Vec<String>)]
         not_learned: Vec<Quantity>,
         /// λ and θ are learned as their product only.
         product_only: bool,
@@ -34,21 +35,25 @@ pub enum Note {
     /// Every reward is a gain or nothing.
     GainsOnly {
         /// Parameters of which the choices say nothing.
+        #[schema(value_type = Vec<String>)]
         not_learned: Vec<Quantity>,
     },
     /// No choice depends on these, for other reasons than the signs of rewards.
     NoChoiceDepends {
         /// Which ones.
+        #[schema(value_type = Vec<String>)]
         quantities: Vec<Quantity>,
     },
     /// Choices depend on these, but took less than a tenth of the prior's variance away.
     NotInformed {
         /// Which ones.
+        #[schema(value_type = Vec<String>)]
         quantities: Vec<Quantity>,
     },
     /// More than 5 % of the draws lie within 1 % of the prior's range of one of its ends.
     BoundActive {
         /// Whose prior.
+        #[schema(value_type = String)]
         quantity: Quantity,
         /// Which end of it.
         end: End,
@@ -60,6 +65,7 @@ pub enum Note {
     /// Draws lie where the weighting function is not monotone.
     NotMonotone {
         /// γ or δ.
+        #[schema(value_type = String)]
         quantity: Quantity,
         /// Under this value it is not monotone.
         below: f64,
@@ -91,6 +97,7 @@ pub enum Note {
     /// The chains do not agree about a quantity: R̂ is 1.01 or more.
     DisagreeingChains {
         /// About what.
+        #[schema(value_type = String)]
         quantity: Quantity,
         /// Its R̂; null if it cannot be computed.
         rhat: Option<f64>,

@@ -282,7 +282,7 @@ struct Point {
 }
 
 /// A finished gap sweep.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct GapSweepReport {
     /// What varied, as [`Variation`] writes it.
     pub vary: String,
@@ -294,7 +294,7 @@ pub struct GapSweepReport {
 }
 
 /// One problem of a gap sweep.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct GapSeries {
     /// The problem's id.
     pub problem: String,
@@ -305,7 +305,7 @@ pub struct GapSeries {
 }
 
 /// One value of the number that varies.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct GapPoint {
     /// The value.
     pub value: f64,
@@ -317,13 +317,16 @@ pub struct GapPoint {
     /// Whether all answers are the same: scored against smoothed shares.
     pub unanimous: bool,
     /// By model.
+    #[schema(value_type = HashMap<String, SweepScore>)]
     pub models: OrderedMap<SweepScore>,
     /// For each model but the first: how much closer to the choices it comes.
+    #[schema(value_type = HashMap<String, Difference>)]
     pub difference: OrderedMap<Difference>,
 }
 
 /// ln KL of the first model minus that of another: above 0 the other comes closer to the choices.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = SweepDifference)]
 pub struct Difference {
     /// Difference of the means.
     pub mean: Option<f64>,

@@ -57,7 +57,7 @@ pub struct Simulation {
 pub struct Score(Option<Vec<Option<f64>>>);
 
 /// How one model does on one simulated cell, over all seeds.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct SweepScore {
     /// ln KL over the samples of all seeds: against the shares themselves, or against smoothed shares (n_a + ½)/(n + A/2)
     /// where all answers are the same.
@@ -180,7 +180,7 @@ impl SweepScore {
 }
 
 /// How a sweep was made.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct SweepHead {
     /// Models in the order of their columns.
     pub models: Vec<String>,

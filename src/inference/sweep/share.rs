@@ -22,7 +22,7 @@ pub struct ShareSweep {
 }
 
 /// A finished share sweep.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct ShareSweepReport {
     /// The problem's id.
     pub problem: String,
@@ -31,6 +31,7 @@ pub struct ShareSweepReport {
     /// The action that the rest of the answers go to.
     pub rest: String,
     /// Expected reward of each action.
+    #[schema(value_type = HashMap<String, f64>)]
     pub expected_rewards: OrderedMap<f64>,
     /// Answers at each point.
     pub n: u64,
@@ -44,7 +45,7 @@ pub struct ShareSweepReport {
 }
 
 /// One share.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, utoipa::ToSchema)]
 pub struct SharePoint {
     /// Answers on the action.
     pub count: u64,
@@ -53,6 +54,7 @@ pub struct SharePoint {
     /// Whether all answers are the same: scored against smoothed shares, drawn hollow.
     pub unanimous: bool,
     /// By model.
+    #[schema(value_type = HashMap<String, SweepScore>)]
     pub models: OrderedMap<SweepScore>,
 }
 

@@ -140,6 +140,9 @@ pub const ROUTES: &[Route] = &[
         "set a one-time password",
     ),
     route("/admin/audit", ADMIN, "look at the log"),
+    // The description of the API, which tells nothing of any study.
+    route("/api/v1/openapi.json", Rule::Open, ""),
+    route("/api/v1/docs", Rule::Open, ""),
     // Results.
     route("/results/{study}", Rule::Shared, "look at results"),
     route("/results/{study}/sweep", Rule::Shared, "look at sweeps"),
@@ -273,19 +276,9 @@ pub const ROUTES: &[Route] = &[
     ),
     // Exports.
     route(
-        "/api/v1/studies/{study}/export/long.csv",
-        DATA,
-        "export long.csv",
-    ),
-    route(
         "/api/v1/studies/{study}/export/wide.csv",
         DATA,
         "export wide.csv",
-    ),
-    route(
-        "/api/v1/studies/{study}/export/answers.ndjson",
-        DATA,
-        "export answers.ndjson",
     ),
     route(
         "/api/v1/studies/{study}/export/psych-ds.zip",
@@ -357,7 +350,7 @@ mod tests {
 
     use super::*;
 
-    /// The paths that the sources give to `.route(`, as far as they are under `folder`.
+    /// The paths that the sources give to `.route(` or to a description, as far as they are under `folder`.
     fn written(folder: &Path, found: &mut BTreeSet<String>) {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
@@ -365,15 +358,15 @@ mod tests {
                 written(&path, found);
             } else if path.extension().is_some_and(|extension| extension == "rs") {
                 let text = fs::read_to_string(&path).unwrap();
-                let calls = text.split(".route(").skip(1);
-                // A path begins with a slash; this test names the call without one.
-                let calls = calls.filter_map(|call| call.trim_start().strip_prefix('"'));
-                for call in calls.filter(|call| call.starts_with('/')) {
-                    let path = &call[..call.find('"').expect("a path ends")];
-                    // The API's own router is nested; all its paths begin so.
-                    let is_nested = folder.ends_with("web/api") && path.starts_with("/studies");
-                    let prefix = if is_nested { "/api/v1" } else { "" };
-                    found.insert(format!("{prefix}{path}"));
+                // A path begins with a slash; this test names the calls without one. Those of the API stand with
+                // their description, in a router that is nested.
+                for (call, prefix) in [(".route(", ""), (", path = ", "/api/v1")] {
+                    let calls = text.split(call).skip(1);
+                    let calls = calls.filter_map(|call| call.trim_start().strip_prefix('"'));
+                    for call in calls.filter(|call| call.starts_with('/')) {
+                        let path = &call[..call.find('"').expect("a path ends")];
+                        found.insert(format!("{prefix}{path}"));
+                    }
                 }
             }
         }

@@ -2,16 +2,12 @@
 
 use std::sync::Arc;
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderValue, header},
-    response::{IntoResponse, Response},
-};
+use axum::{Json, extract::State, response::Response};
 use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
 
 use super::{
-    Parts,
+    Parts, StudyPath, cursor,
     extract::{Path, Query},
     served,
 };
@@ -26,34 +22,42 @@ use crate::{
 const PAGE_ROWS: u32 = 100;
 const MAX_PAGE_ROWS: u32 = 1_000;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct PageQuery {
     /// Where the page before ended, as its link says.
+    #[param(nullable = false)]
     after: Option<String>,
+    /// Answers on a page, 100 if left out.
+    #[param(minimum = 1, maximum = 1000, nullable = false)]
     limit: Option<u32>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct AnswerPage<'a> {
     answers: Vec<Answer<'a>>,
     /// The cursor of the next page; null on the last.
     next: Option<String>,
 }
 
+/// The answers in pages, in the order of runs and steps.
+///
+/// One row per closed question. Withdrawn people have no rows; previews never have.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers", tag = "data", params(StudyPath, PageQuery),
+    responses((status = 200, description = "A page of answers", body = AnswerPage,
+        headers(("Link" = String, description = "`next` and `first` page (RFC 8288)")))),
+    security((), ("token" = ["data"])),
+)]
 pub(super) async fn page(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(PageQuery { after, limit }): Query<PageQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
-    let limit = limit.unwrap_or(PAGE_ROWS);
-    if !(1..=MAX_PAGE_ROWS).contains(&limit) {
-        return Err(
-            Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into(),
-        );
-    }
-    let after = after.as_deref().map_or(Ok(AnswerKey::START), cursor)?;
+    let limit = cursor::rows(limit, PAGE_ROWS, MAX_PAGE_ROWS)?;
+    let after = after.as_deref().map_or(Ok(AnswerKey::START), key)?;
     // One more than asked for tells whether there is a next page.
     let mut rows = store
         .answers(study.id(), settings.population, after, limit + 1)
@@ -63,7 +67,7 @@ pub(super) async fn page(
     let next = rows
         .last()
         .filter(|_| has_more)
-        .map(|row| format!("{}-{}", row.key.run, row.key.position));
+        .map(|row| cursor::cursor(&[row.key.run.get(), row.key.position.into()]));
     let versions: Vec<Arc<Study>> = rows
         .iter()
         .map(|row| version(&catalogue, &study, row))
@@ -73,34 +77,20 @@ pub(super) async fn page(
         .zip(&versions)
         .map(|(row, version)| Answer::new(version, row))
         .collect();
-    let mut response = Json(AnswerPage {
+    let page = Json(AnswerPage {
         answers,
         next: next.clone(),
-    })
-    .into_response();
-    if let Some(next) = next {
-        let link = format!(
-            "</api/v1/studies/{}/answers?after={next}&limit={limit}>; rel=\"next\"",
-            study.id()
-        );
-        if let Ok(link) = HeaderValue::from_str(&link) {
-            response.headers_mut().insert(header::LINK, link);
-        }
-    }
-    Ok(response)
+    });
+    let first = format!("/api/v1/studies/{}/answers?limit={limit}", study.id());
+    Ok(cursor::linked(page, &first, next.as_deref()))
 }
 
-fn cursor(text: &str) -> Result<AnswerKey, Error> {
-    let parsed = text.split_once('-').and_then(|(run, position)| {
-        Some(AnswerKey {
-            run: RunId::from(run.parse::<i64>().ok()?),
-            position: position.parse().ok()?,
-        })
-    });
-    parsed.ok_or_else(|| {
-        Error::BadRequest(format!(
-            "after is `{text}`; allowed: the `next` of an earlier page"
-        ))
+fn key(text: &str) -> Result<AnswerKey, Error> {
+    let [run, position] = cursor::key(text)?;
+    Ok(AnswerKey {
+        run: RunId::from(run),
+        // No run has a step at a place that is no number of a step.
+        position: u32::try_from(position).unwrap_or(u32::MAX),
     })
 }
 
@@ -109,23 +99,4 @@ fn version(catalogue: &Catalogue, current: &Arc<Study>, row: &AnswerRow) -> Arc<
     catalogue
         .version(row.version)
         .unwrap_or_else(|| current.clone())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cursors_read_back_and_others_are_refused() {
-        assert_eq!(
-            cursor("12-3").unwrap(),
-            AnswerKey {
-                run: RunId::from(12),
-                position: 3
-            }
-        );
-        for text in ["", "12", "a-b", "1--2"] {
-            assert!(cursor(text).is_err(), "{text}");
-        }
-    }
 }

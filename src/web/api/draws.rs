@@ -6,9 +6,10 @@ use axum::{
     response::{IntoResponse, Response},
 };
 use serde::Deserialize;
+use utoipa::IntoParams;
 
 use super::{
-    NoQuery, Parts,
+    FitPath, NoQuery, Parts,
     extract::{Path, Query},
     predict::computed,
     served,
@@ -21,14 +22,28 @@ use crate::{
     web::{ApiError, Error, results},
 };
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct ChainQuery {
     /// Counted from 1.
+    #[param(minimum = 1, maximum = 64)]
     chain: usize,
 }
 
 /// All chains in JSON, for `arviz.from_json`.
+/// All chains of a converged fit as `arviz.from_json` reads them.
+///
+/// Arrays are by chain, draw and entry; docs/DRAWS.md says what they are. Only the newest converged fit of a part keeps
+/// its draws.
+#[utoipa::path(
+    get, path = "/studies/{study}/fits/{fit}/draws", tag = "results", params(FitPath),
+    responses(
+        (status = 200, description = "Posterior and prior draws, log likelihood and what they were fitted to", body = serde_json::Value),
+        (status = 409, description = "The fit has not converged", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn arviz(
     parts: Parts,
     Path((study, fit)): Path<(StudyId, i64)>,
@@ -41,6 +56,15 @@ pub(super) async fn arviz(
 }
 
 /// One chain as CmdStan writes it.
+/// One chain of a converged fit as CmdStan writes it.
+#[utoipa::path(
+    get, path = "/studies/{study}/fits/{fit}/draws.csv", tag = "results", params(FitPath, ChainQuery),
+    responses(
+        (status = 200, description = "A row per draw", content((String = "text/csv; charset=utf-8"))),
+        (status = 409, description = "The fit has not converged", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn csv(
     parts: Parts,
     Path((study, fit)): Path<(StudyId, i64)>,

@@ -20,14 +20,16 @@ use tokio::{
     runtime::Handle,
     sync::{OwnedSemaphorePermit, Semaphore, mpsc},
 };
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
 
 use super::{
-    NoQuery, Parts,
+    NoQuery, Parts, StudyPath,
     extract::{Path, Query},
     served,
 };
 use crate::{
-    export::{Export, ExportError, Form, Ids},
+    export::{Codebook, Export, ExportError, Form, Ids},
     study::StudyId,
     web::{ApiError, AppState, Error, analysis_json},
 };
@@ -41,18 +43,16 @@ static TURNS: std::sync::LazyLock<Arc<Semaphore>> =
     std::sync::LazyLock::new(|| Arc::new(Semaphore::new(8)));
 
 /// The paths below `/api/v1`.
-pub(super) fn router() -> Router<AppState> {
-    Router::new()
-        .route("/studies/{study}/answers.csv", get(long))
-        .route("/studies/{study}/answers.ndjson", get(ndjson))
-        .route("/studies/{study}/export/long.csv", get(long))
-        .route("/studies/{study}/export/wide.csv", get(wide))
-        .route("/studies/{study}/export/answers.ndjson", get(ndjson))
-        .route("/studies/{study}/export/psych-ds.zip", get(psych_ds))
-        .route("/studies/{study}/export/codebook.csv", get(codebook_csv))
-        .route("/studies/{study}/export/codebook.json", get(codebook_json))
-        .route("/studies/{study}/export/bonus.csv", get(bonus))
-        .route("/studies/{study}/export/analysis.json", get(analysis))
+pub(super) fn router() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(long))
+        .routes(routes!(ndjson))
+        .routes(routes!(wide))
+        .routes(routes!(psych_ds))
+        .routes(routes!(codebook_csv))
+        .routes(routes!(codebook_json))
+        .routes(routes!(bonus))
+        .routes(routes!(analysis))
 }
 
 /// The same files for whoever is logged in, so that pages need no token.
@@ -68,13 +68,16 @@ pub(super) fn router_of_pages() -> Router<AppState> {
         .route("/results/{study}/data/analysis.json", get(analysis))
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 struct IdsQuery {
+    /// How ids of recruiting platforms are given out; left out, they are not. `plain` where the study stored them so.
+    #[param(inline)]
     ids: Option<WantedIds>,
 }
 
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 enum WantedIds {
     Hashed,
@@ -91,6 +94,14 @@ impl IdsQuery {
     }
 }
 
+/// All answers as CSV: the columns of `Answer`, with one column per factor instead of `levels`.
+///
+/// A text that begins like a formula gets an apostrophe in front.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers.csv", tag = "data", params(StudyPath),
+    responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8")))),
+    security((), ("token" = ["data"])),
+)]
 async fn long(
     parts: Parts,
     study: Path<StudyId>,
@@ -99,6 +110,12 @@ async fn long(
     export(parts, study, Form::LongCsv, Ids::LeftOut).await
 }
 
+/// All answers as NDJSON: one `Answer` a line.
+#[utoipa::path(
+    get, path = "/studies/{study}/answers.ndjson", tag = "data", params(StudyPath),
+    responses((status = 200, description = "The file", content((String = "application/x-ndjson")))),
+    security((), ("token" = ["data"])),
+)]
 async fn ndjson(
     parts: Parts,
     study: Path<StudyId>,
@@ -107,6 +124,13 @@ async fn ndjson(
     export(parts, study, Form::Ndjson, Ids::LeftOut).await
 }
 
+/// One row per participant, as CSV: what the codebook lists under `participants`.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/wide.csv", tag = "data", params(StudyPath, IdsQuery),
+    responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
+        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+    security((), ("token" = ["data"])),
+)]
 async fn wide(
     parts: Parts,
     study: Path<StudyId>,
@@ -115,6 +139,13 @@ async fn wide(
     export(parts, study, Form::WideCsv, query.ids()).await
 }
 
+/// All data, their descriptions and the study, as an archive in Psych-DS form.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/psych-ds.zip", tag = "data", params(StudyPath, IdsQuery),
+    responses((status = 200, description = "The file", content((String = "application/zip"))),
+        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+    security((), ("token" = ["data"])),
+)]
 async fn psych_ds(
     parts: Parts,
     study: Path<StudyId>,
@@ -123,6 +154,13 @@ async fn psych_ds(
     export(parts, study, Form::PsychDs, query.ids()).await
 }
 
+/// What every column of the tables holds, as CSV: one row per column and level.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/codebook.csv", tag = "data", params(StudyPath, IdsQuery),
+    responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
+        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+    security((), ("token" = ["data"])),
+)]
 async fn codebook_csv(
     parts: Parts,
     study: Path<StudyId>,
@@ -131,6 +169,13 @@ async fn codebook_csv(
     export(parts, study, Form::CodebookCsv, query.ids()).await
 }
 
+/// What every column of the tables holds.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/codebook.json", tag = "data", params(StudyPath, IdsQuery),
+    responses((status = 200, description = "The file", body = Codebook),
+        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+    security((), ("token" = ["data"])),
+)]
 async fn codebook_json(
     parts: Parts,
     study: Path<StudyId>,
@@ -139,6 +184,13 @@ async fn codebook_json(
     export(parts, study, Form::CodebookJson, query.ids()).await
 }
 
+/// Who is paid which bonus, as CSV with the columns `participant` and `amount`.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/bonus.csv", tag = "data", params(StudyPath, IdsQuery),
+    responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
+        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+    security((), ("token" = ["data"])),
+)]
 async fn bonus(
     parts: Parts,
     study: Path<StudyId>,
@@ -147,6 +199,12 @@ async fn bonus(
     export(parts, study, Form::BonusCsv, query.ids()).await
 }
 
+/// The frozen analysis: all final fits with the numbers behind the figures, for citing.
+#[utoipa::path(
+    get, path = "/studies/{study}/export/analysis.json", tag = "data", params(StudyPath),
+    responses((status = 200, description = "The file", body = serde_json::Value)),
+    security((), ("token" = ["data"])),
+)]
 async fn analysis(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,

@@ -1,17 +1,13 @@
 //! Fits: the state of each part now, their history, and one fit in full.
 
-use axum::{
-    Json,
-    extract::State,
-    http::{HeaderValue, header},
-    response::{IntoResponse, Response},
-};
+use axum::{extract::State, response::Response};
 use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
 
 use super::{
-    NoQuery, Parts,
+    FitPath, NoQuery, Parts, StudyPath, cursor,
     extract::{Path, Query},
-    served,
+    version::Asked,
 };
 use crate::{
     inference::{FitSummary, accuracy::CellAccuracy, predictive_check::PredictiveCheck},
@@ -28,24 +24,39 @@ use crate::{
 const PAGE_ROWS: u32 = 50;
 const MAX_PAGE_ROWS: u32 = 200;
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct FitsQuery {
     /// Earlier fits instead of the current state.
     #[serde(default)]
     history: bool,
-    /// Only fits with a smaller id.
-    before: Option<i64>,
+    /// Where the page before ended, as its link says; with `history` only.
+    #[param(nullable = false)]
+    after: Option<String>,
+    /// Fits on a page, 50 if left out; with `history` only.
+    #[param(minimum = 1, maximum = 200, nullable = false)]
     limit: Option<u32>,
 }
 
-#[derive(Serialize)]
-struct History {
+/// Either of the two lists.
+#[derive(Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+pub(super) enum Fits {
+    Current(Current),
+    History(History),
+}
+
+#[derive(Serialize, utoipa::ToSchema)]
+#[schema(as = FitHistory)]
+pub(super) struct History {
     fits: Vec<StoredFit>,
+    /// The cursor of the next page; null on the last.
+    next: Option<String>,
 }
 
 /// A stored fit without its numbers.
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct StoredFit {
     id: i64,
     plan: String,
@@ -65,7 +76,7 @@ struct StoredFit {
     message: Option<String>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct FullFit {
     #[serde(flatten)]
     fit: StoredFit,
@@ -73,8 +84,10 @@ struct FullFit {
     result: Option<Numbers>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
+#[schema(as = FitResult)]
 struct Numbers {
+    #[schema(value_type = HashMap<String, ChoiceProblem>)]
     problems: OrderedMap<ChoiceProblem>,
     counts: Vec<Vec<u64>>,
     summary: FitSummary,
@@ -108,105 +121,118 @@ impl From<&Fit> for StoredFit {
 }
 
 /// The state of each part now.
-#[derive(Serialize)]
-struct Current {
+#[derive(Serialize, utoipa::ToSchema)]
+#[schema(as = CurrentFits)]
+pub(super) struct Current {
     data_version: i64,
     fit_version: i64,
     fits: Vec<results::FitRow>,
 }
 
+/// The fits: the state of each part now, or with `history=true` all that were made, newest first.
+#[utoipa::path(
+    get, path = "/studies/{study}/fits", tag = "results", params(StudyPath, FitsQuery),
+    responses(
+        (status = 200, description = "The fits; the history comes in pages", body = Fits,
+            headers(("Link" = String, description = "`next` and `first` page of the history (RFC 8288)"))),
+        (status = 304),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn list(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(FitsQuery {
         history,
-        before,
+        after,
         limit,
     }): Query<FitsQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     if !history {
-        if before.is_some() || limit.is_some() {
+        if after.is_some() || limit.is_some() {
             return Err(Error::BadRequest(
-                "before and limit page through the history; add history=true".to_owned(),
+                "after and limit page through the history; add history=true".to_owned(),
             )
             .into());
         }
         let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
-        let Summary {
-            data_version,
-            fit_version,
-            fits,
-            ..
-        } = Summary::new(&snapshot);
-        return Ok(Json(Current {
-            data_version,
-            fit_version,
-            fits,
-        })
-        .into_response());
+        return asked.of(&snapshot, || {
+            let Summary {
+                data_version,
+                fit_version,
+                fits,
+                ..
+            } = Summary::new(&snapshot);
+            Ok(Fits::Current(Current {
+                data_version,
+                fit_version,
+                fits,
+            }))
+        });
     }
-    results::shown(&store, &catalogue, &settings, &study).await?;
-    let study = served(&catalogue, &study)?;
-    let limit = limit.unwrap_or(PAGE_ROWS);
-    if !(1..=MAX_PAGE_ROWS).contains(&limit) {
-        return Err(
-            Error::BadRequest(format!("limit is {limit}; allowed: 1 to {MAX_PAGE_ROWS}")).into(),
-        );
-    }
-    let before = before.map(FitId::from);
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let limit = cursor::rows(limit, PAGE_ROWS, MAX_PAGE_ROWS)?;
+    let before = after
+        .map(|after| cursor::key(&after).map(|[id]| FitId::from(id)))
+        .transpose()?;
     let mut fits = store
-        .fit_history(study.id(), settings.population, before, limit + 1)
+        .fit_history(&study, settings.population, before, limit + 1)
         .await?;
     let has_more = fits.len() > limit as usize;
     fits.truncate(limit as usize);
-    let link = fits.last().filter(|_| has_more).map(|fit| {
-        format!(
-            "</api/v1/studies/{}/fits?history=true&before={}&limit={limit}>; rel=\"next\"",
-            study.id(),
-            fit.id
-        )
-    });
-    let mut response = Json(History {
-        fits: fits.iter().map(StoredFit::from).collect(),
-    })
-    .into_response();
-    if let Some(Ok(link)) = link.map(|link| HeaderValue::from_str(&link)) {
-        response.headers_mut().insert(header::LINK, link);
-    }
-    Ok(response)
+    let next = fits
+        .last()
+        .filter(|_| has_more)
+        .map(|fit| cursor::cursor(&[fit.id.get()]));
+    let page = asked.of(&snapshot, || {
+        Ok(Fits::History(History {
+            fits: fits.iter().map(StoredFit::from).collect(),
+            next: next.clone(),
+        }))
+    })?;
+    let first = format!("/api/v1/studies/{study}/fits?history=true&limit={limit}");
+    Ok(cursor::linked(page, &first, next.as_deref()))
 }
 
+/// One fit in full.
+#[utoipa::path(
+    get, path = "/studies/{study}/fits/{fit}", tag = "results", params(FitPath),
+    responses((status = 200, description = "The fit with its numbers", body = FullFit), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn one(
     (State(store), State(catalogue), State(settings)): Parts,
     Path((study, fit)): Path<(StudyId, i64)>,
     Query(NoQuery {}): Query<NoQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
-    results::shown(&store, &catalogue, &settings, &study).await?;
-    let study = served(&catalogue, &study)?;
+    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let fit = store
-        .fit(study.id(), settings.population, FitId::from(fit))
+        .fit(&study, settings.population, FitId::from(fit))
         .await?;
-    let result = FitReport::read(&fit).map(|report| {
-        let FitReport {
-            problems,
-            counts,
-            summary,
-            accuracy,
-            curves: _,
-            quantities: _,
-            predictive_check,
-        } = report;
-        Numbers {
-            problems,
-            counts,
-            summary,
-            accuracy,
-            predictive_check,
-        }
-    });
-    Ok(Json(FullFit {
-        fit: StoredFit::from(&fit),
-        result,
+    asked.of(&snapshot, || {
+        let result = FitReport::read(&fit).map(|report| {
+            let FitReport {
+                problems,
+                counts,
+                summary,
+                accuracy,
+                curves: _,
+                quantities: _,
+                predictive_check,
+            } = report;
+            Numbers {
+                problems,
+                counts,
+                summary,
+                accuracy,
+                predictive_check,
+            }
+        });
+        Ok(FullFit {
+            fit: StoredFit::from(&fit),
+            result,
+        })
     })
-    .into_response())
 }

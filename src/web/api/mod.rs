@@ -3,28 +3,38 @@
 //! Every error is `application/problem+json` (RFC 9457), also those of the framework.
 
 mod answers;
+mod cursor;
+mod document;
 mod draws;
 mod exports;
 mod extract;
 mod fits;
+mod page;
 mod predict;
 mod sweeps;
+mod version;
 
 use std::sync::Arc;
 
 use axum::{
-    Json, Router,
+    Router,
     extract::State,
     response::{IntoResponse, Response},
-    routing::{get, post},
+    routing::get,
 };
 use serde::{Deserialize, Serialize};
 use tokio_util::sync::CancellationToken;
+use utoipa::IntoParams;
+use utoipa_axum::{router::OpenApiRouter, routes};
 
-use self::extract::{Path, Query};
+pub use self::document::document;
+use self::{
+    extract::{Path, Query},
+    version::Asked,
+};
 use super::{
     ApiError, AppState, Error, Settings, events,
-    results::{self, Accuracy, Comparison, Sequential, Summary},
+    results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
 };
 use crate::{
     jobs::Catalogue,
@@ -33,28 +43,11 @@ use crate::{
 };
 
 pub(super) fn router() -> Router<AppState> {
-    let studies = Router::new()
-        .route("/studies", get(list))
-        .route("/studies/{study}", get(one))
-        .route("/studies/{study}/summary", get(summary))
-        .route("/studies/{study}/answers", get(answers::page))
-        .route("/studies/{study}/fits", get(fits::list))
-        .route("/studies/{study}/fits/{fit}", get(fits::one))
-        .route("/studies/{study}/fits/{fit}/draws", get(draws::arviz))
-        .route("/studies/{study}/fits/{fit}/draws.csv", get(draws::csv))
-        .route("/studies/{study}/curves", get(curves))
-        .route("/studies/{study}/accuracy", get(accuracy))
-        .route("/studies/{study}/sweep", get(sweeps::share))
-        .route("/studies/{study}/gap-sweep", get(sweeps::gap))
-        .route("/studies/{study}/comparison", get(comparison))
-        .route("/studies/{study}/sequential", get(sequential))
-        .route("/studies/{study}/predict", post(predict::predict))
-        .route("/studies/{study}/events", get(stream));
     // Inside the nest, so that these answer everything below /api and nothing else.
     Router::new().nest(
         "/api",
         Router::new()
-            .nest("/v1", studies.merge(exports::router()))
+            .nest("/v1", studies().into())
             .fallback(|| async { ApiError(Error::NotFound("address of the API")) })
             .method_not_allowed_fallback(|| async { ApiError(Error::MethodNotAllowed) }),
     )
@@ -69,6 +62,43 @@ pub(super) fn router_of_pages() -> Router<AppState> {
         .merge(exports::router_of_pages())
 }
 
+/// The description of the API, which tells nothing of any study and so is open to everybody.
+pub(super) fn description() -> Router<AppState> {
+    Router::new().nest(
+        "/api/v1",
+        Router::from(documents())
+            .method_not_allowed_fallback(|| async { ApiError(Error::MethodNotAllowed) }),
+    )
+}
+
+/// A path stands here together with its description, so that the document cannot lack one.
+fn studies() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(list))
+        .routes(routes!(one))
+        .routes(routes!(summary))
+        .routes(routes!(answers::page))
+        .merge(exports::router())
+        .routes(routes!(fits::list))
+        .routes(routes!(fits::one))
+        .routes(routes!(draws::arviz))
+        .routes(routes!(draws::csv))
+        .routes(routes!(curves))
+        .routes(routes!(accuracy))
+        .routes(routes!(sweeps::share))
+        .routes(routes!(sweeps::gap))
+        .routes(routes!(comparison))
+        .routes(routes!(sequential))
+        .routes(routes!(predict::predict))
+        .routes(routes!(stream))
+}
+
+fn documents() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(document::openapi))
+        .routes(routes!(page::docs))
+}
+
 /// What every handler of a study needs.
 pub(super) type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings>>);
 
@@ -77,18 +107,43 @@ pub(super) type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings
 #[serde(deny_unknown_fields)]
 struct NoQuery {}
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 struct PlanQuery {
+    /// A plan of the study, as `/studies/STUDY` lists them.
+    #[param(value_type = Option<String>, nullable = false)]
     plan: Option<PlanId>,
 }
 
-#[derive(Serialize)]
+/// The path of a study.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+#[expect(dead_code, reason = "describes the path; the extractor reads it")]
+struct StudyPath {
+    /// The study's id.
+    #[param(example = "driving")]
+    study: String,
+}
+
+/// The path of a fit.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Path)]
+#[expect(dead_code, reason = "describes the path; the extractor reads it")]
+struct FitPath {
+    /// The study's id.
+    #[param(example = "driving")]
+    study: String,
+    /// The fit's id.
+    fit: i64,
+}
+
+#[derive(Serialize, utoipa::ToSchema)]
 struct StudyList {
     studies: Vec<StudyEntry>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct StudyEntry {
     id: String,
     title: String,
@@ -100,7 +155,7 @@ struct StudyEntry {
     simulated: bool,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct StudyDetail {
     #[serde(flatten)]
     entry: StudyEntry,
@@ -110,7 +165,7 @@ struct StudyDetail {
     file: String,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct CellEntry {
     id: String,
     label: String,
@@ -119,32 +174,49 @@ struct CellEntry {
     problem: Option<crate::model::ChoiceProblem>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct PlanEntry {
     id: String,
     label: String,
     parts: Vec<String>,
 }
 
+/// All studies.
+#[utoipa::path(
+    get, path = "/studies", tag = "studies", params(),
+    responses((status = 200, description = "The studies that this server serves", body = StudyList), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn list(
     (State(store), State(catalogue), State(settings)): Parts,
     Query(NoQuery {}): Query<NoQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let mut studies = Vec::new();
     for study in catalogue.studies() {
         studies.push(entry(&store, &settings, &study).await?);
     }
-    Ok(Json(StudyList { studies }).into_response())
+    let of: Vec<String> = studies.iter().map(StudyEntry::version).collect();
+    asked.decided_by(of.join(" "), || Ok(StudyList { studies }))
 }
 
+/// One study in full.
+#[utoipa::path(
+    get, path = "/studies/{study}", tag = "studies", params(StudyPath),
+    responses((status = 200, description = "The study with its cells and plans", body = StudyDetail), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn one(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
+    let entry = entry(&store, &settings, &study).await?;
+    let version = entry.version();
     let detail = StudyDetail {
-        entry: entry(&store, &settings, &study).await?,
+        entry,
         cells: study
             .cells()
             .iter()
@@ -166,7 +238,14 @@ async fn one(
             .collect(),
         file: study.text().to_owned(),
     };
-    Ok(Json(detail).into_response())
+    asked.decided_by(version, || Ok(detail))
+}
+
+impl StudyEntry {
+    /// What can change of it.
+    fn version(&self) -> String {
+        format!("{} {} {}", self.hash, self.state, self.simulated)
+    }
 }
 
 async fn entry(store: &Store, settings: &Settings, study: &Study) -> Result<StudyEntry, Error> {
@@ -188,53 +267,99 @@ fn served(catalogue: &Catalogue, study: &StudyId) -> Result<Arc<Study>, Error> {
         .ok_or(Error::NotFound("study"))
 }
 
+/// Who took part, what they chose, and how far the fits are.
+///
+/// In a study that hides its results until enough people have finished, `blind` says so and all that tells of choices or
+/// models is empty.
+#[utoipa::path(
+    get, path = "/studies/{study}/summary", tag = "results", params(StudyPath),
+    responses((status = 200, description = "Counts, shares and the states of fits", body = Summary), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn summary(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(Summary::new(&snapshot)).into_response())
+    asked.of(&snapshot, || Ok(Summary::new(&snapshot)))
 }
 
+/// The curves of value and weighting, with 50 % and 90 % bands.
+#[utoipa::path(
+    get, path = "/studies/{study}/curves", tag = "results", params(StudyPath, results::CurvesQuery),
+    responses((status = 200, description = "Value and weighting by part and model", body = Curves), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(query): Query<results::CurvesQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(query.curves(&snapshot)?).into_response())
+    asked.of(&snapshot, || Ok(query.curves(&snapshot)?))
 }
 
+/// How close each model comes to the choices.
+#[utoipa::path(
+    get, path = "/studies/{study}/accuracy", tag = "results", params(StudyPath, PlanQuery),
+    responses((status = 200, description = "ln KL by cell and pooled", body = Accuracy), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn accuracy(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::plan(&snapshot, plan.as_ref())?;
-    Ok(Json(Accuracy::new(&snapshot, plan)).into_response())
+    asked.of(&snapshot, || Ok(Accuracy::new(&snapshot, plan)))
 }
 
+/// The models compared.
+#[utoipa::path(
+    get, path = "/studies/{study}/comparison", tag = "results", params(StudyPath, PlanQuery),
+    responses((status = 200, description = "Bayes factors, and predictions of people and problems left out", body = Comparison), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn comparison(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::coarse_plan(&snapshot, plan.as_ref())?;
-    Ok(Json(Comparison::new(&snapshot, plan)).into_response())
+    asked.of(&snapshot, || Ok(Comparison::new(&snapshot, plan)))
 }
 
+/// The evidence as people finished one after the other.
+#[utoipa::path(
+    get, path = "/studies/{study}/sequential", tag = "results", params(StudyPath),
+    responses((status = 200, description = "The looks that were made, and the rule for stopping", body = Sequential), (status = 304)),
+    security((), ("token" = ["results"])),
+)]
 async fn sequential(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
+    asked: Asked,
 ) -> Result<Response, ApiError> {
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
-    Ok(Json(Sequential::new(&snapshot)).into_response())
+    asked.of(&snapshot, || Ok(Sequential::new(&snapshot)))
 }
 
+/// The current version at once, then each that follows (server-sent events).
+///
+/// A slow reader skips versions. At most 256 streams are open at a time.
+#[utoipa::path(
+    get, path = "/studies/{study}/events", tag = "events", params(StudyPath),
+    responses((status = 200, description = "Events named `version`, one for each version; the stream does not end by itself", content((events::VersionEvent = "text/event-stream")))),
+    security((), ("token" = ["results"])),
+)]
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
     State(stop): State<CancellationToken>,

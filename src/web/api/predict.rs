@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use tokio::{sync::Semaphore, time::timeout};
 
 use super::{
-    NoQuery, Parts,
+    NoQuery, Parts, StudyPath,
     extract::{Body, Path, Query},
     served,
 };
@@ -37,31 +37,52 @@ static COMPUTING: Semaphore = Semaphore::const_new(2);
 const TURN: Duration = Duration::from_secs(5);
 
 /// A problem, with parameters or with what names a fit.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, utoipa::ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(as = PredictionRequest, example = json!({
+    "model": "noisy_rational", "parameters": { "theta": 0.2 },
+    "problem": { "stable": [[1, 20]], "unstable": [[0.2, 105], [0.8, 0]] },
+}))]
 pub(super) struct Request {
     problem: ChoiceProblem,
     /// `risk_aware` if left out.
     model: Option<String>,
+    /// Those of the model, by name; without them a fit predicts.
+    #[schema(value_type = Option<HashMap<String, f64>>)]
     parameters: Option<OrderedMap<f64>>,
     /// The plan with one part if left out.
+    #[schema(value_type = Option<String>)]
     plan: Option<PlanId>,
+    #[schema(value_type = Option<String>)]
     part: Option<PartId>,
     /// A cell instead of the part that holds it.
+    #[schema(value_type = Option<String>)]
     cell: Option<CellId>,
 }
 
-#[derive(Serialize)]
+/// A prediction, from parameters or from a fit.
+#[derive(Serialize, utoipa::ToSchema)]
+#[serde(untagged)]
+enum Prediction {
+    FromParameters(FromParameters),
+    FromFit(FromFit),
+}
+
+#[derive(Serialize, utoipa::ToSchema)]
+#[schema(as = PredictionFromParameters)]
 struct FromParameters {
     model: &'static str,
     /// Those of the study's own fits, but for what the model asks for.
     options: RiskAwareOptions,
+    #[schema(value_type = HashMap<String, f64>)]
     probabilities: OrderedMap<f64>,
+    #[schema(value_type = HashMap<String, f64>)]
     utilities: OrderedMap<f64>,
     most_likely: String,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
+#[schema(as = PredictionFromFit)]
 struct FromFit {
     model: &'static str,
     plan: String,
@@ -71,17 +92,32 @@ struct FromFit {
     provisional: bool,
     data_version: i64,
     /// Means over posterior draws, with 90 % intervals.
+    #[schema(value_type = HashMap<String, Interval>)]
     probabilities: OrderedMap<Interval>,
     most_likely: String,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, utoipa::ToSchema)]
 struct Interval {
     mean: f64,
     q5: f64,
     q95: f64,
 }
 
+/// What a person will choose, from given parameters or from a fit.
+///
+/// A problem has at most 20 actions and 100 outcomes in total. Two predictions are computed at a time.
+#[utoipa::path(
+    post, path = "/studies/{study}/predict", tag = "predict", params(StudyPath), request_body = Request,
+    responses(
+        (status = 200, description = "Probability of each action", body = Prediction),
+        (status = 409, description = "The fit that is named has not converged", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+        (status = 413, description = "The body is too large", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+        (status = 415, description = "The body is not JSON", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+        (status = 422, description = "A value is not allowed", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn predict(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
@@ -105,7 +141,7 @@ pub(super) async fn predict(
         let (problem, options) = (request.problem, model.options(served.fit().options));
         let answer =
             computed(move || from_parameters(&problem, model, &parameters, options)).await??;
-        return Ok(Json(answer).into_response());
+        return Ok(Json(Prediction::FromParameters(answer)).into_response());
     }
     let mut snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let mut draws = draws_of(&store, &snapshot, model, &request).await?;
@@ -136,7 +172,7 @@ pub(super) async fn predict(
                      q5,
                      q95,
                  }| (action, Interval { mean, q5, q95 });
-    Ok(Json(FromFit {
+    Ok(Json(Prediction::FromFit(FromFit {
         model: model.id,
         plan: part.plan.to_string(),
         part: part.part.to_string(),
@@ -145,7 +181,7 @@ pub(super) async fn predict(
         data_version: chosen.data_version,
         probabilities: prediction.actions.into_iter().map(share).collect(),
         most_likely: prediction.most_likely,
-    })
+    }))
     .into_response())
 }
 

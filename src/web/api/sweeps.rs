@@ -10,7 +10,7 @@ use axum::{
 };
 
 use super::{
-    Parts,
+    Parts, StudyPath,
     extract::{Path, Query},
     served,
 };
@@ -23,6 +23,16 @@ use crate::{
     },
 };
 
+/// A simulated sweep over the share of an action: what each model would find if that share of people chose it.
+#[utoipa::path(
+    get, path = "/studies/{study}/sweep", tag = "results", params(StudyPath, ShareQuery),
+    responses(
+        (status = 200, description = "The sweep", body = Sweep),
+        (status = 202, description = "It is being computed; ask again", body = Sweep, headers(("Retry-After" = u32, description = "Seconds"))),
+        (status = 422, description = "A value is not allowed, or the sweep would take too many fits", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn share(
     (_, State(catalogue), _): Parts,
     State(sweeps): State<Arc<Sweeps>>,
@@ -35,6 +45,16 @@ pub(super) async fn share(
     Ok(answer(wanted.answer(&study, state)?))
 }
 
+/// A simulated sweep over the gap of expected rewards.
+#[utoipa::path(
+    get, path = "/studies/{study}/gap-sweep", tag = "results", params(StudyPath, GapQuery),
+    responses(
+        (status = 200, description = "The sweep", body = Sweep),
+        (status = 202, description = "It is being computed; ask again", body = Sweep, headers(("Retry-After" = u32, description = "Seconds"))),
+        (status = 422, description = "A value is not allowed, or the sweep would take too many fits", body = crate::web::problem::Problem, content_type = "application/problem+json"),
+    ),
+    security((), ("token" = ["results"])),
+)]
 pub(super) async fn gap(
     (State(store), State(catalogue), State(settings)): Parts,
     State(sweeps): State<Arc<Sweeps>>,

@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// How close each model comes to what people chose.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Accuracy {
     pub data_version: i64,
     pub fit_version: i64,
@@ -36,7 +36,8 @@ pub(in crate::web) struct Accuracy {
     pub checks: Vec<CheckRow>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = AccuracyCell)]
 pub(in crate::web) struct CellRow {
     pub id: String,
     #[serde(skip)]
@@ -48,11 +49,13 @@ pub(in crate::web) struct CellRow {
     /// What the true probabilities themselves score on average; null where unanimous.
     pub reference: Option<f64>,
     /// Null until the model's fit has converged.
+    #[schema(value_type = HashMap<String, Score>)]
     pub models: OrderedMap<Option<Score>>,
 }
 
 /// ln KL over the independent samples.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, utoipa::ToSchema)]
+#[schema(as = AccuracyScore)]
 pub(in crate::web) struct Score {
     /// Null where a sample predicts the observed shares exactly.
     pub mean: Option<f64>,
@@ -86,22 +89,24 @@ impl From<LnKl> for Score {
     }
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct PooledRow {
     pub label: String,
+    #[schema(value_type = HashMap<String, String>)]
     pub levels: OrderedMap<String>,
     /// Cells that are pooled.
     pub cells: usize,
     /// Unanimous cells that are not.
     pub left_out: usize,
     /// Null while a cell has no converged fit: some of the cells would be another comparison.
+    #[schema(value_type = HashMap<String, Score>)]
     pub models: OrderedMap<Option<Score>>,
     /// Of Risk-Aware minus Noisy Rational, sample by sample.
     pub paired_t: Option<TTest>,
     pub welch_t: Option<TTest>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct PaperRow {
     /// The label of the pooled row that it belongs to.
     pub label: String,
@@ -113,7 +118,7 @@ pub(in crate::web) struct PaperRow {
     pub n: Option<u32>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct PaperScore {
     pub mean: f64,
     pub sd: f64,

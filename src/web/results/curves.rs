@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The curves of all plans.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Curves {
     pub data_version: i64,
     pub fit_version: i64,
@@ -24,17 +24,18 @@ pub(in crate::web) struct Curves {
     pub plans: Vec<PartCurves>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct PartCurves {
     pub plan: String,
     pub part: String,
     pub label: String,
     /// Only models whose fit has converged.
+    #[schema(value_type = HashMap<String, ModelCurves>)]
     pub models: OrderedMap<ModelCurves>,
 }
 
 /// The curves of one fit.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct ModelCurves {
     /// The id of the fit.
     pub fit: i64,
@@ -56,7 +57,7 @@ pub(in crate::web) struct ModelCurves {
 }
 
 /// One curve, column by column; null where no draw has a value.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Series {
     pub x: Vec<f64>,
     pub mean: Vec<Option<f64>>,
@@ -69,17 +70,19 @@ pub(in crate::web) struct Series {
     pub prior_mean: Vec<Option<f64>>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct DecisionWeight {
     /// Which outcome, with its reward.
     pub label: String,
     /// What limits the reading of the curve.
+    #[schema(value_type = Option<String>)]
     pub note: Option<&'static str>,
     #[serde(flatten)]
     pub series: Series,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = CurveGap)]
 pub(in crate::web) struct Gap {
     pub cell: String,
     pub action: String,

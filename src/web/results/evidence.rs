@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// How the models of a study compare on one plan.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Comparison<'a> {
     pub data_version: i64,
     pub fit_version: i64,
@@ -26,7 +26,7 @@ pub(in crate::web) struct Comparison<'a> {
 }
 
 /// The Bayes factor of two models.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct LivePair {
     pub first: &'static str,
     pub second: &'static str,
@@ -37,7 +37,7 @@ pub(in crate::web) struct LivePair {
 }
 
 /// A comparison of final fits.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct StoredComparison<'a> {
     /// Newer answers wait to be compared.
     pub is_behind: bool,
@@ -46,12 +46,15 @@ pub(in crate::web) struct StoredComparison<'a> {
     pub program_version: &'a str,
     pub at: String,
     /// Null where it failed.
+    #[schema(value_type = Option<Compared>)]
     pub report: Option<&'a Compared>,
     /// One per hypothesis of the paper that the study is about.
     pub verdicts: Vec<Verdict>,
     /// What the choices of all cells say without a model.
+    #[schema(value_type = Option<ChoiceTests>)]
     pub tests: Option<&'a ChoiceTests>,
     /// Why it failed.
+    #[schema(value_type = Option<String>)]
     pub message: Option<&'a str>,
 }
 
@@ -108,7 +111,7 @@ impl<'a> StoredComparison<'a> {
 }
 
 /// How the evidence grew while people finished.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Sequential<'a> {
     pub data_version: i64,
     pub fit_version: i64,
@@ -116,6 +119,7 @@ pub(in crate::web) struct Sequential<'a> {
     pub check_every: u64,
     pub minimum: u64,
     /// The Bayes factor is of the first against the second.
+    #[schema(value_type = Option<[String; 2]>)]
     pub models: Option<[&'static str; 2]>,
     /// Whose 90 % interval is followed.
     pub interval: Option<Followed<'a>>,
@@ -126,14 +130,14 @@ pub(in crate::web) struct Sequential<'a> {
     pub stopping: Option<Stopping<'a>>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Followed<'a> {
     pub model: &'static str,
     pub quantity: &'a str,
 }
 
 /// What the first n people who finished say.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Look {
     pub n: u64,
     pub answers: u64,
@@ -144,7 +148,7 @@ pub(in crate::web) struct Look {
 }
 
 /// The study's rule for stopping, and the first look that reached it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Stopping<'a> {
     pub rule: RuleText<'a>,
     /// How many people had finished; null while it has not been reached.

@@ -29,6 +29,7 @@ use axum::{
 };
 use serde::Deserialize;
 use tokio_util::sync::CancellationToken;
+use utoipa::IntoParams;
 
 pub use self::analysis::analysis_json;
 use self::reading::Reading;
@@ -125,10 +126,15 @@ pub(super) fn plan<'a>(snapshot: &'a Snapshot, id: Option<&PlanId>) -> Result<&'
 }
 
 /// Whose curves are asked for.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(super) struct CurvesQuery {
+    /// All plans if left out.
+    #[param(value_type = Option<String>, nullable = false)]
     plan: Option<PlanId>,
+    /// All parts of the plan if left out.
+    #[param(value_type = Option<String>, nullable = false)]
     part: Option<PartId>,
 }
 

@@ -14,12 +14,13 @@ use crate::{
 };
 
 /// One fitted cell's answers beside answers replicated from each model's fit.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct CheckRow {
     pub id: String,
     #[serde(skip)]
     pub label: String,
     /// Null where there is no converged fit, or one from before there were such checks.
+    #[schema(value_type = HashMap<String, PredictiveCheck>)]
     pub models: OrderedMap<Option<PredictiveCheck>>,
 }
 

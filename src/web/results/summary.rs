@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Everything about a study that is no curve and no accuracy.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Summary {
     pub study: StudyHead,
     pub data_version: i64,
@@ -34,21 +34,21 @@ pub(in crate::web) struct Summary {
     pub verdict: Verdict,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct StudyHead {
     pub id: String,
     pub title: String,
     pub reward_unit: RewardUnit,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct RewardUnit {
     pub name: String,
     pub prefix: String,
     pub suffix: String,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct People {
     pub started: u64,
     pub completed: u64,
@@ -57,7 +57,8 @@ pub(in crate::web) struct People {
 }
 
 /// Answers to the questions of the design.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = AnswerCounts)]
 pub(in crate::web) struct Answers {
     /// In the analysis set.
     pub counted: u64,
@@ -67,24 +68,27 @@ pub(in crate::web) struct Answers {
     pub timed_out: u64,
 }
 
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Labels {
     pub id: String,
     pub label: String,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = Factor)]
 pub(in crate::web) struct Labelled<T> {
     pub id: String,
     pub label: String,
     pub levels: Vec<T>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = SummaryCell)]
 pub(in crate::web) struct CellRow {
     pub id: String,
     #[serde(skip)]
     pub label: String,
+    #[schema(value_type = HashMap<String, String>)]
     pub levels: OrderedMap<String>,
     pub fitted: bool,
     pub n: u64,
@@ -92,10 +96,11 @@ pub(in crate::web) struct CellRow {
     pub late: u64,
     pub timed_out: u64,
     pub actions: Vec<ActionRow>,
+    #[schema(value_type = HashMap<String, Option<HashMap<String, Share>>>)]
     pub predicted: OrderedMap<Option<OrderedMap<Share>>>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct ActionRow {
     pub id: String,
     #[serde(skip)]
@@ -108,20 +113,20 @@ pub(in crate::web) struct ActionRow {
 }
 
 /// A predicted share with its 90 % interval.
-#[derive(Debug, Clone, Copy, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Share {
     pub mean: f64,
     pub q5: f64,
     pub q95: f64,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Checks {
     /// Null in a study without baseline questions.
     pub baseline: Option<BaselineCheck>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct BaselineCheck {
     pub problems: Vec<BaselineRow>,
     pub n: u64,
@@ -133,7 +138,7 @@ pub(in crate::web) struct BaselineCheck {
     pub paper: Option<f64>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct BaselineRow {
     pub id: String,
     pub label: String,
@@ -145,7 +150,7 @@ pub(in crate::web) struct BaselineRow {
     pub high: Option<f64>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct FitRow {
     pub plan: String,
     pub part: String,
@@ -170,7 +175,7 @@ pub(in crate::web) struct FitRow {
     pub message: Option<String>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct PlanRow {
     pub id: String,
     pub label: String,

@@ -1,6 +1,7 @@
 //! Sweeps of a study: what may be asked for, and what is answered.
 
 use serde::{Deserialize, Serialize};
+use utoipa::IntoParams;
 
 use crate::{
     inference::{
@@ -29,40 +30,64 @@ const MOST_STEPS: usize = 100;
 const MOST_FITS: usize = 8000;
 
 /// What a share sweep is asked for with; everything has a default.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(in crate::web) struct ShareQuery {
     /// A fitted cell; the first one if left out.
+    #[param(value_type = Option<String>, nullable = false)]
     pub cell: Option<CellId>,
+    /// Answers at each point, 30 if left out.
+    #[param(minimum = 2, maximum = 200, nullable = false)]
     pub n: Option<u64>,
+    /// Fits at each point, 20 if left out.
+    #[param(minimum = 1, maximum = 50, nullable = false)]
     pub seeds: Option<usize>,
     /// The action whose share runs; the one with the lowest expected reward if left out.
+    #[param(nullable = false)]
     pub action: Option<String>,
     /// Ids separated by commas.
+    #[param(nullable = false)]
     pub models: Option<String>,
 }
 
 /// What a gap sweep is asked for with; everything has a default.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
 pub(in crate::web) struct GapQuery {
     /// One cell's problem instead of all distinct ones.
+    #[param(value_type = Option<String>, nullable = false)]
     pub cell: Option<CellId>,
     /// What varies, such as `stop:-50=-26..-474`.
+    #[param(nullable = false)]
     pub vary: Option<String>,
+    /// Values of what varies.
+    #[param(minimum = 2, maximum = 100, nullable = false)]
     pub steps: Option<usize>,
+    /// Fits at each point.
+    #[param(minimum = 1, maximum = 50, nullable = false)]
     pub seeds: Option<usize>,
     /// The answers: so many of `n` on `action`, or those of the study with `pattern=observed`.
+    #[param(minimum = 2, maximum = 100_000, nullable = false)]
     pub n: Option<u64>,
+    /// How many of them are on `action`.
+    #[param(nullable = false)]
     pub count: Option<u64>,
+    /// The action that most answers are on.
+    #[param(nullable = false)]
     pub action: Option<String>,
+    /// Which answers there are at every point.
     #[serde(default)]
+    #[param(inline)]
     pub pattern: PatternName,
+    /// Ids separated by commas.
+    #[param(nullable = false)]
     pub models: Option<String>,
 }
 
 /// Which answers a gap sweep has at every point.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub(in crate::web) enum PatternName {
     /// `count` of `n` on one action, by default the paper's 25 of 30 on the safe one.
@@ -73,10 +98,11 @@ pub(in crate::web) enum PatternName {
 }
 
 /// A sweep with what pages and programs need to read it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Sweep {
     pub study: String,
     /// What sets each problem apart, by its id.
+    #[schema(value_type = HashMap<String, String>)]
     pub labels: OrderedMap<String>,
     /// The command that makes the same numbers; null where they depend on stored answers.
     pub command: Option<String>,
@@ -89,7 +115,8 @@ pub(in crate::web) struct Sweep {
 }
 
 /// How far a sweep is.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+#[schema(as = SweepProgress)]
 #[serde(tag = "state", rename_all = "snake_case")]
 pub(in crate::web) enum Outcome {
     /// Fits that are done, of how many, and sweeps that come first.
@@ -99,11 +126,14 @@ pub(in crate::web) enum Outcome {
         ahead: usize,
     },
     /// All numbers.
-    Ready { result: std::sync::Arc<SweepResult> },
+    Ready {
+        #[schema(value_type = SweepResult)]
+        result: std::sync::Arc<SweepResult>,
+    },
 }
 
 /// How many people chose the action with the highest expected reward.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct ObservedRow {
     pub id: String,
     pub label: String,

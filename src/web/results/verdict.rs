@@ -8,7 +8,7 @@ use crate::{
     web::results::reading::{Compared, headline as headline_of},
 };
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, utoipa::ToSchema)]
 pub(in crate::web) struct Verdict {
     /// Which model comes closer to the choices.
     pub model: &'static str,
