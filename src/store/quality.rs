@@ -11,7 +11,7 @@ use crate::study::{ConditionId, InstructedItem, StudyId, Timestamp};
 pub const FAST_CHOICE_MS: i64 = 300;
 
 /// Something notable about a participant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Flag {
     /// Some choice took less than [`FAST_CHOICE_MS`] on the page's clock.

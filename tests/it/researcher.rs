@@ -461,3 +461,40 @@ async fn choices_are_told_apart_by_source_unless_the_study_is_blind() {
     assert_eq!(page.status, StatusCode::FORBIDDEN);
     app.stop().await;
 }
+
+#[tokio::test]
+async fn programs_read_the_same_funnel_and_participants() {
+    let app = App::start().await;
+    let mut person = app.participant("?source=pilot").await;
+    person.finishes("stop").await;
+    at_first_timed(&app, "").await;
+    let read = async |path: &str| -> serde_json::Value {
+        let page = app.get(&format!("/api/v1/studies/driving/{path}")).await;
+        assert_eq!(page.status, StatusCode::OK, "{}", page.html);
+        serde_json::from_str(&page.html).unwrap()
+    };
+    let funnel = read("funnel").await;
+    assert_eq!(
+        (&funnel["started"], &funnel["completed"]),
+        (&2.into(), &1.into())
+    );
+    let steps = funnel["steps"].as_array().unwrap();
+    assert_eq!(steps[0]["block"], "consent");
+    assert_eq!(steps[0]["answered"], 2);
+    assert_eq!(
+        steps
+            .iter()
+            .map(|step| step["here"].as_u64().unwrap())
+            .sum::<u64>(),
+        1
+    );
+
+    let first = read("participants?limit=1").await;
+    assert_eq!(first["participants"][0]["participant"], 2);
+    assert_eq!(first["participants"][0]["state"], "active");
+    let next = first["next"].as_str().unwrap();
+    let last = read(&format!("participants?limit=1&after={next}")).await;
+    assert_eq!(last["participants"][0]["source"], "pilot");
+    assert!(last["next"].is_null());
+    app.stop().await;
+}

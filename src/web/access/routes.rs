@@ -213,6 +213,12 @@ pub const ROUTES: &[Route] = &[
     ),
     route("/api/v1/studies/{study}/answers", DATA, "export answers"),
     route(
+        "/api/v1/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route("/api/v1/studies/{study}/funnel", RESULTS, "watch the study"),
+    route(
         "/api/v1/studies/{study}/answers.csv",
         DATA,
         "export answers.csv",
