@@ -215,57 +215,87 @@ impl Store {
     }
 }
 
-/// Adds the classes of each step up; they come in order of time.
-fn steps(classes: Vec<Class>, stops: &[Stop]) -> Vec<StepProgress> {
-    let mut found: Vec<(StepProgress, u64, Vec<(u64, u64)>)> = Vec::new();
-    for class in classes {
-        let index = found.iter().position(|(step, ..)| {
-            is_of(step, &class.kind, &class.block, class.question.as_deref())
-        });
-        let index = index.unwrap_or_else(|| {
-            let step = StepProgress {
-                kind: class.kind.clone(),
-                block: BlockId::from(class.block.clone()),
-                question: class.question.clone().map(QuestionId::from),
-                reached: 0,
-                answered: 0,
-                late: 0,
-                timed_out: 0,
-                here: 0,
-                left: 0,
-                median_ms: None,
-            };
-            found.push((step, 0, Vec::new()));
-            found.len() - 1
-        });
-        let (step, places, times) = &mut found[index];
-        step.reached += count(class.reached);
-        step.answered += count(class.answered);
-        step.late += count(class.late);
-        step.timed_out += count(class.timed_out);
-        *places += count(class.places);
-        if let Some(time) = class.class {
-            times.push((count(time * CLASS_MS + CLASS_MS / 2), count(class.answered)));
+/// A step while its classes are added up.
+struct Sums {
+    step: StepProgress,
+    /// The sum of the places at which people met it.
+    places: u64,
+    /// Answer times in ascending order, each with how often it was found.
+    times: Vec<(u64, u64)>,
+}
+
+impl Sums {
+    fn of(class: &Class) -> Self {
+        let step = StepProgress {
+            kind: class.kind.clone(),
+            block: BlockId::from(class.block.clone()),
+            question: class.question.clone().map(QuestionId::from),
+            reached: 0,
+            answered: 0,
+            late: 0,
+            timed_out: 0,
+            here: 0,
+            left: 0,
+            median_ms: None,
+        };
+        Self {
+            step,
+            places: 0,
+            times: Vec::new(),
         }
     }
-    for (step, _, times) in &mut found {
-        step.median_ms = weighted_median(times);
-        for stop in stops {
-            if is_of(step, &stop.kind, &stop.block, stop.question.as_deref()) {
-                let n = count(stop.n);
-                *(if stop.here != 0 {
-                    &mut step.here
-                } else {
-                    &mut step.left
-                }) += n;
+
+    /// Where in their runs people met it on average.
+    fn place(&self) -> f64 {
+        self.places as f64 / self.step.reached.max(1) as f64
+    }
+}
+
+/// Adds the classes of each step up; they come in order of time.
+fn steps(classes: Vec<Class>, stops: &[Stop]) -> Vec<StepProgress> {
+    let mut found: Vec<Sums> = Vec::new();
+    for class in classes {
+        let question = class.question.as_deref();
+        let index = found
+            .iter()
+            .position(|sums| is_of(&sums.step, &class.kind, &class.block, question));
+        let index = index.unwrap_or_else(|| {
+            found.push(Sums::of(&class));
+            found.len() - 1
+        });
+        let sums = &mut found[index];
+        sums.step.reached += count(class.reached);
+        sums.step.answered += count(class.answered);
+        sums.step.late += count(class.late);
+        sums.step.timed_out += count(class.timed_out);
+        sums.places += count(class.places);
+        if let Some(time) = class.class {
+            let middle = count(time * CLASS_MS + CLASS_MS / 2);
+            sums.times.push((middle, count(class.answered)));
+        }
+    }
+    found.sort_by(|one, other| one.place().total_cmp(&other.place()));
+    found
+        .into_iter()
+        .map(|sums| finished(sums, stops))
+        .collect()
+}
+
+/// The step with its median and with those who are at it or stopped there.
+fn finished(sums: Sums, stops: &[Stop]) -> StepProgress {
+    let mut step = sums.step;
+    step.median_ms = weighted_median(&sums.times);
+    for stop in stops {
+        if is_of(&step, &stop.kind, &stop.block, stop.question.as_deref()) {
+            let n = count(stop.n);
+            if stop.here != 0 {
+                step.here += n;
+            } else {
+                step.left += n;
             }
         }
     }
-    let place = |(step, places, _): &(StepProgress, u64, Vec<(u64, u64)>)| {
-        *places as f64 / step.reached.max(1) as f64
-    };
-    found.sort_by(|one, other| place(one).total_cmp(&place(other)));
-    found.into_iter().map(|(step, ..)| step).collect()
+    step
 }
 
 fn is_of(step: &StepProgress, kind: &str, block: &str, question: Option<&str>) -> bool {
