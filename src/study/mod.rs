@@ -60,7 +60,9 @@ pub use participants_paragraph::ParticipantFacts;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
-pub use recruiting::{Device, NotAdmitted, Recruiting, RecruitingIds};
+pub use recruiting::{
+    Device, LinkParameter, Mturk, NotAdmitted, NotMturk, Recruiting, RecruitingIds, RedirectTarget,
+};
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

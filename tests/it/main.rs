@@ -23,6 +23,7 @@ mod import;
 mod predict;
 mod program;
 mod recover;
+mod recruiting;
 mod refit;
 mod researcher;
 mod results;

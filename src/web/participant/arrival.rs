@@ -5,15 +5,19 @@ use std::{collections::BTreeMap, sync::Arc};
 use axum::{
     extract::{Path, Query, State},
     http::HeaderMap,
-    response::Redirect,
+    response::{IntoResponse, Redirect, Response},
 };
 
-use super::{Looking, device, pages::LandingPage, recruiting};
+use super::{
+    Looking, device, framed,
+    pages::{Door, LandingPage},
+    recruiting,
+};
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{NewArrival, NewRun, Store, Token, draw_run},
-    study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor},
+    store::{NewArrival, NewRun, Store, StudyState, Token, draw_run},
+    study::{LinkParameter, NotAdmitted, Study, StudyId, TimeFactor},
     web::{Error, Settings},
 };
 
@@ -28,21 +32,61 @@ pub(super) async fn arrive(
     Path(study): Path<StudyId>,
     headers: HeaderMap,
     Query(query): Query<BTreeMap<String, String>>,
-) -> Result<Redirect, Error> {
-    let mut arrival = recruiting::read(&query)?;
+) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    arrival.refusal = refusal(&store, &served, &headers);
-    match served.recruiting().ids {
-        RecruitingIds::Plain => {}
-        RecruitingIds::Hashed => {
-            for (parameter, value) in &mut arrival.recruiting {
-                *value = store.recruiting_id(&study, parameter, value);
-            }
+    let refusal = refusal(&store, &served, &headers);
+    let answer = match recruiting::read(&query, &served.recruiting().mturk) {
+        Err(refused) => Err(refused),
+        Ok(arrival) if recruiting::is_look(&arrival) => {
+            let page = look(&store, &served, refusal).await;
+            page.map(IntoResponse::into_response)
+        }
+        Ok(arrival) => {
+            let arrival = NewArrival { refusal, ..arrival };
+            let token = Token::random(&mut chance.fork());
+            let noted = note(&store, &served, &token, arrival).await;
+            noted.map(IntoResponse::into_response)
+        }
+    };
+    Ok(framed(&served, answer))
+}
+
+/// Stores an arrival, and leads on.
+async fn note(
+    store: &Store,
+    study: &Study,
+    token: &Token,
+    mut arrival: NewArrival,
+) -> Result<Redirect, Error> {
+    let (id, ids) = (study.id(), study.recruiting().ids);
+    for parameter in LinkParameter::ALL {
+        let value = arrival.recruiting.get_mut(parameter.name());
+        if let Some(value) = value.filter(|_| !parameter.is_plain(ids)) {
+            *value = store.recruiting_id(id, parameter.name(), value);
         }
     }
-    let token = Token::random(&mut chance.fork());
-    store.arrive(&token, &study, arrival).await?;
-    Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
+    store.arrive(token, id, arrival).await?;
+    Ok(Redirect::to(&format!("/s/{id}/a/{token}")))
+}
+
+/// What somebody is shown who looks at the task on MTurk and has not accepted it. Nothing is stored of it.
+async fn look(
+    store: &Store,
+    study: &Study,
+    refusal: Option<NotAdmitted>,
+) -> Result<LandingPage, Error> {
+    let studies = store.studies().await?;
+    let state = studies.iter().find(|row| row.id == *study.id());
+    if state.is_none_or(|row| row.state != StudyState::Open) {
+        return Err(Error::Closed(format!(
+            "study {} takes nobody in at the moment",
+            study.id()
+        )));
+    }
+    if let Some(reason) = refusal {
+        return Err(Error::Closed(reason.to_string()));
+    }
+    Ok(LandingPage::of(study, Door::AcceptFirst))
 }
 
 /// POST `/studies/STUDY/preview`: the study as a participant meets it, in any of its states, without counting.
@@ -68,21 +112,23 @@ pub(super) async fn landing(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     Path((study, token)): Path<(StudyId, String)>,
-) -> Result<LandingPage, Error> {
-    let token = read_token(&token)?;
+) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let page = landed(&store, &served, &token).await;
+    Ok(framed(&served, page))
+}
+
+async fn landed(store: &Store, study: &Study, token: &str) -> Result<LandingPage, Error> {
+    let token = read_token(token)?;
     let arrival = store.arrival(&token).await?;
-    if arrival.study != study {
+    if arrival.study != *study.id() {
         return Err(Error::NotFound("link"));
     }
-    Ok(LandingPage {
-        title: served.title().to_owned(),
-        summary: served.summary().to_owned(),
-        minutes: served.minutes(),
-        study: study.to_string(),
+    let door = Door::Start {
         token,
         is_preview: arrival.is_preview,
-    })
+    };
+    Ok(LandingPage::of(study, door))
 }
 
 /// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
@@ -93,7 +139,7 @@ pub(super) async fn start(
     State(settings): State<Arc<Settings>>,
     Path((study, token)): Path<(StudyId, String)>,
     headers: HeaderMap,
-) -> Result<Redirect, Error> {
+) -> Result<Response, Error> {
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let run = NewRun {
@@ -107,8 +153,11 @@ pub(super) async fn start(
         population: settings.population,
         is_preview: false,
     };
-    let started = store.start(&arrival, run).await?;
-    Ok(Redirect::to(&format!("/r/{}", started.link)))
+    let started = store.start(&arrival, run).await;
+    let led_on = started
+        .map(|started| Redirect::to(&format!("/r/{}", started.link)))
+        .map_err(Error::from);
+    Ok(framed(&served, led_on))
 }
 
 /// Why nobody new may start with this browser at this moment.

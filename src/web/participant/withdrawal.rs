@@ -1,5 +1,7 @@
 //! Leaving a study with everything that was answered.
 
+use std::sync::Arc;
+
 use axum::{
     extract::{Path, State},
     http::StatusCode,
@@ -8,9 +10,11 @@ use axum::{
 
 use super::{
     arrival::read_token,
+    framed,
     pages::{NotePage, WithdrawPage},
 };
 use crate::{
+    jobs::Catalogue,
     store::{self, RunState, Store},
     web::Error,
 };
@@ -18,6 +22,7 @@ use crate::{
 /// GET `/r/TOKEN/withdraw`: asks whether it is meant.
 pub(super) async fn ask(
     State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
     Path(token): Path<String>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
@@ -25,18 +30,22 @@ pub(super) async fn ask(
         Err(store::Error::NotFound("run")) => return Ok(gone()),
         found => found?,
     };
-    if !run.is_owner {
-        return Err(not_the_owner());
-    }
-    Ok(match run.state {
-        RunState::Withdrawn => withdrawn().into_response(),
-        RunState::Active
-        | RunState::Completed
-        | RunState::Declined
-        | RunState::ScreenedOut
-        | RunState::FailedCheck
-        | RunState::TimedOut => WithdrawPage { token }.into_response(),
-    })
+    let page = match (run.is_owner, run.state) {
+        (false, _) => Err(not_the_owner()),
+        (true, RunState::Withdrawn) => Ok(withdrawn().into_response()),
+        (
+            true,
+            RunState::Active
+            | RunState::Completed
+            | RunState::Declined
+            | RunState::ScreenedOut
+            | RunState::FailedCheck
+            | RunState::TimedOut,
+        ) => Ok(WithdrawPage { token }.into_response()),
+    };
+    let study = catalogue.version(run.version);
+    let study = study.ok_or(Error::NotFound("study"))?;
+    Ok(framed(&study, page))
 }
 
 /// POST `/r/TOKEN/withdraw`: erases the run.

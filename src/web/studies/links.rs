@@ -1,5 +1,7 @@
 //! Links for recruiting platforms, ready to copy, with the codes that belong to them.
 
+use std::collections::BTreeMap;
+
 use askama::Template;
 use askama_web::WebTemplate;
 use axum::{
@@ -13,7 +15,7 @@ use super::{
     super::{Error, Settings, access::Caller, accounts::Who, assets},
     Head, Parts, current, words,
 };
-use crate::study::{CompletionCode, Ending, RecruitingIds, Study, StudyId};
+use crate::study::{CompletionCode, Ending, LinkParameter, RecruitingIds, Study, StudyId};
 
 /// Longer labels would not fit into tables.
 const LONGEST_SOURCE: usize = 60;
@@ -99,15 +101,10 @@ fn links(study: &Study, base: &str, source: &str) -> Vec<Link> {
         let mark = if query.is_empty() { "" } else { "?" };
         format!("{base}/s/{}{mark}{}", study.id(), query.join("&"))
     };
-    let mturk = if study.recruiting().mturk_frame {
+    let mturk = if study.recruiting().mturk.frame {
         "As the address of an external question: MTurk adds workerId, assignmentId, hitId and turkSubmitTo itself."
     } else {
-        "In a HIT that links to the study: write the worker’s id in place of WORKER_ID. To show the study inside of MTurk, say frame = true under [recruiting.mturk] in the study file."
-    };
-    let mturk_query: &[&str] = if study.recruiting().mturk_frame {
-        &[]
-    } else {
-        &["workerId=WORKER_ID"]
+        "In MTurk’s survey-link template; workers paste the code. To show the study inside of MTurk, say frame = true under [recruiting.mturk] in the study file."
     };
     vec![
         Link {
@@ -123,7 +120,7 @@ fn links(study: &Study, base: &str, source: &str) -> Vec<Link> {
         Link {
             platform: "MTurk",
             id: "mturk",
-            url: link(mturk_query),
+            url: link(&[]),
             note: mturk.to_owned(),
         },
         Link {
@@ -148,6 +145,11 @@ fn links(study: &Study, base: &str, source: &str) -> Vec<Link> {
 }
 
 fn endings(study: &Study) -> Vec<EndingLine> {
+    // Each parameter stands for itself.
+    let names: BTreeMap<String, String> = LinkParameter::ALL
+        .into_iter()
+        .map(|parameter| (parameter.name().to_owned(), parameter.name().to_owned()))
+        .collect();
     [
         ("Completed", Ending::Completed),
         ("Screened out", Ending::ScreenedOut),
@@ -158,20 +160,23 @@ fn endings(study: &Study) -> Vec<EndingLine> {
     .map(|(who, ending)| {
         let page = study.ending(ending);
         let (code, shown, otherwise) = match &page.code {
-            CompletionCode::Fixed(code) => {
-                (code.clone(), code.as_str(), "nowhere; is shown the code")
-            }
-            CompletionCode::PerRun => (
-                "another one for each person".to_owned(),
-                "CODE",
+            CompletionCode::Fixed(code) => (
+                code.clone(),
+                Some(code.as_str()),
                 "nowhere; is shown the code",
             ),
-            CompletionCode::Absent => ("none".to_owned(), "", "nowhere"),
+            CompletionCode::PerRun => (
+                "another one for each person".to_owned(),
+                Some("CODE"),
+                "nowhere; is shown the code",
+            ),
+            CompletionCode::Absent => ("none".to_owned(), None, "nowhere"),
         };
+        let target = page.redirect.as_ref();
         EndingLine {
             who,
-            redirect: page
-                .redirect_url(shown)
+            redirect: target
+                .and_then(|target| target.address(shown, &names))
                 .unwrap_or_else(|| otherwise.to_owned()),
             code,
         }
