@@ -87,7 +87,37 @@ pub const ROUTES: &[Route] = &[
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
     // Studies.
+    route("/studies", RESULTS, "list the studies"),
+    route("/studies/{study}", RESULTS, "watch the study"),
+    route(
+        "/studies/{study}/data/progress.html",
+        RESULTS,
+        "watch the study",
+    ),
+    route("/studies/{study}/state", MANAGE, "change the study's state"),
+    route(
+        "/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route(
+        "/studies/{study}/participants/{run}/erase",
+        MANAGE,
+        "ask to erase a participant",
+    ),
+    route("/studies/{study}/links", DATA, "open the links"),
+    route("/studies/{study}/data", DATA, "open the exports"),
+    route(
+        "/studies/{study}/sources",
+        RESULTS,
+        "look at choices by source",
+    ),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
+    route(
+        "/studies/{study}/preview/start",
+        MANAGE,
+        "preview the study in a condition",
+    ),
     // Accounts.
     route("/setup/{token}", Rule::Open, ""),
     route("/login", Rule::Open, ""),
@@ -178,6 +208,12 @@ pub const ROUTES: &[Route] = &[
         "look at summary",
     ),
     route("/api/v1/studies/{study}/answers", DATA, "export answers"),
+    route(
+        "/api/v1/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route("/api/v1/studies/{study}/funnel", RESULTS, "watch the study"),
     route(
         "/api/v1/studies/{study}/answers.csv",
         DATA,
