@@ -84,6 +84,14 @@ create index run_expiry on run (expires_at_ms) where expires_at_ms is not null a
 create index run_place on run (study_id, is_simulated, condition)
     where state in ('active', 'completed') and is_preview = 0;
 
+-- Who took part to an end and withdrew then: nobody gets a second try by it. Only the keyed hash under which the person was
+-- known is kept, until the retention date, and nothing that leads to a run.
+create table withdrawn_person (
+    study_id text not null references study (id),
+    platform_key text not null,
+    primary key (study_id, platform_key)
+) strict, without rowid;
+
 create table event_of_any_kind (
     id integer primary key,
     run_id integer not null references run (id),

@@ -51,6 +51,8 @@ struct Batch {
     studies: HashMap<String, StudyState>,
     /// Those among the arriving people of recruiting platforms who have a run.
     known_people: HashSet<(StudyId, String, String)>,
+    /// Those among them who withdrew after their part had ended.
+    withdrawn_people: HashSet<(StudyId, String, String)>,
     runs: HashMap<RunId, LoadedRun>,
     overdue: Vec<RunId>,
     past_forms: HashMap<(RunId, String), PastForm>,
@@ -105,6 +107,7 @@ impl Batch {
             next: load::next_ids(connection).await?,
             studies,
             known_people: load::known_people(connection, &people).await?,
+            withdrawn_people: load::withdrawn_people(connection, &people).await?,
             runs: load::runs(connection, &jobs_by_run).await?,
             overdue,
             past_forms: load::past_forms(connection, &keys).await?,
@@ -127,6 +130,10 @@ impl Batch {
         });
         if !has_run && !arrive.is_preview {
             require_open(&arrive.study, state)?;
+            let has_withdrawn = arrive
+                .person()
+                .is_some_and(|person| self.withdrawn_people.contains(&person));
+            require_not_withdrawn(has_withdrawn)?;
             require_admitted(arrive.refusal.as_ref())?;
         }
         self.effects.arrivals.push(NewArrivalRow {
@@ -172,6 +179,7 @@ impl Batch {
             start.candidates.first()
         } else {
             require_open(&arrival.study, arrival.study_state)?;
+            require_not_withdrawn(arrival.has_withdrawn)?;
             require_admitted(start.refusal.as_ref())?;
             self.find_place(start)?
         };
@@ -538,6 +546,14 @@ fn require_open(study: &StudyId, state: StudyState) -> Result<(), Error> {
         StudyState::Open => Ok(()),
         StudyState::Draft => Err(closed("being prepared")),
         StudyState::Paused | StudyState::Closed => Err(closed(state.as_str())),
+    }
+}
+
+fn require_not_withdrawn(has_withdrawn: bool) -> Result<(), Error> {
+    if has_withdrawn {
+        Err(Error::NotAdmitted(NotAdmitted::Withdrawn))
+    } else {
+        Ok(())
     }
 }
 

@@ -59,6 +59,8 @@ pub(super) struct LoadedArrival {
     pub(super) own: Option<FoundRun>,
     /// The run of the same person of a recruiting platform.
     pub(super) person: Option<FoundRun>,
+    /// Whether the same person withdrew after their part had ended.
+    pub(super) has_withdrawn: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -349,6 +351,32 @@ pub(super) async fn known_people(
         .collect())
 }
 
+/// Those among `people` (study, platform, key of the person) who withdrew there after their part had ended.
+pub(super) async fn withdrawn_people(
+    connection: &mut SqliteConnection,
+    people: &[(StudyId, String, String)],
+) -> Result<HashSet<(StudyId, String, String)>, sqlx::Error> {
+    if people.is_empty() {
+        return Ok(HashSet::new());
+    }
+    let rows: Vec<(String, String, String)> = sqlx::query_as(
+        r#"
+        select asked.value ->> 0, asked.value ->> 1, asked.value ->> 2
+        from json_each(?) as asked
+        join withdrawn_person
+            on withdrawn_person.study_id = asked.value ->> 0
+            and withdrawn_person.platform_key = asked.value ->> 2
+        "#,
+    )
+    .bind(json(&people))
+    .fetch_all(connection)
+    .await?;
+    Ok(rows
+        .into_iter()
+        .map(|(study, platform, key)| (study.into(), platform, key))
+        .collect())
+}
+
 #[derive(sqlx::FromRow)]
 struct ArrivalRow {
     ordinal: i64,
@@ -366,6 +394,7 @@ struct ArrivalRow {
     own_is_owner: Option<bool>,
     person_id: Option<RunId>,
     person_state: Option<String>,
+    has_withdrawn: bool,
 }
 
 /// The arrivals among `asked` (the hash of the arrival, the hash of the link that it leads to), by their place there.
@@ -386,7 +415,13 @@ pub(super) async fn arrivals(
             asked.key as ordinal, arrival.study_id, study.state as study_state, arrival.platform,
             arrival.platform_key, arrival.recruiting, arrival.source, arrival.is_preview, arrival.created_at_ms,
             own.id as own_id, own.state as own_state, run_token.is_owner as own_is_owner,
-            person.id as person_id, person.state as person_state
+            person.id as person_id, person.state as person_state,
+            exists (
+                select 1
+                from withdrawn_person
+                where withdrawn_person.study_id = arrival.study_id
+                and withdrawn_person.platform_key = arrival.platform_key
+            ) as has_withdrawn
         from json_each(?) as asked
         join arrival on arrival.token_hash = unhex(asked.value ->> 0)
         join study on study.id = arrival.study_id
@@ -431,6 +466,7 @@ pub(super) async fn arrivals(
                 created_at: Timestamp(row.created_at_ms),
                 own: found(row.own_id, row.own_state, row.own_is_owner.unwrap_or(false))?,
                 person: found(row.person_id, row.person_state, false)?,
+                has_withdrawn: row.has_withdrawn,
             };
             Ok((usize::try_from(row.ordinal).unwrap_or(usize::MAX), arrival))
         })

@@ -2,11 +2,13 @@
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::{Change, RunId, json, load};
+use super::{Change, RunId, RunState, json, load};
 use crate::study::{StudyId, Timestamp};
 
 /// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
-/// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much.
+/// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
+/// took part to an end, the keyed hash of their recruiting id stays in a table of its own until the retention date: whoever
+/// has seen their bonus or the answers of a check gets no second try by withdrawing.
 ///
 /// A run that is withdrawn already, or does not exist, changes nothing.
 pub(super) async fn erase(
@@ -52,6 +54,9 @@ pub(super) async fn erase(
         .bind(run)
         .execute(&mut *connection)
         .await?;
+    if state != RunState::Active.as_str() {
+        remember_person(connection, run).await?;
+    }
     forget_recruiting(connection, run).await?;
     sqlx::query(
         r#"
@@ -115,6 +120,23 @@ pub(super) async fn erase(
     Ok(changed.into_iter().map(Change::from).collect())
 }
 
+/// Keeps that the person of a run took part and withdrew.
+async fn remember_person(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        r#"
+        insert into withdrawn_person (study_id, platform_key)
+        select study_id, platform_key
+        from run
+        where id = ? and platform_key is not null and is_preview = 0
+        on conflict do nothing
+        "#,
+    )
+    .bind(run)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
 /// Removes everything that was computed from the study's answers, since the person's were among them. It is computed
 /// again without them. That a rule for stopping was reached stays, because it was announced and names nobody.
 async fn forget_results(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
@@ -168,6 +190,10 @@ pub(super) async fn forget_people(
             .execute(&mut *connection)
             .await?;
     }
+    sqlx::query("delete from withdrawn_person where study_id = ?")
+        .bind(study.as_str())
+        .execute(connection)
+        .await?;
     Ok(runs.len() as u64)
 }
 

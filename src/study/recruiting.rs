@@ -89,6 +89,8 @@ pub enum NotAdmitted {
     Device(Vec<Device>),
     /// As many people as the study needs are under way or have completed.
     Full,
+    /// They took part to an end and withdrew then.
+    Withdrawn,
 }
 
 impl Recruiting {
@@ -126,6 +128,9 @@ impl fmt::Display for NotAdmitted {
             }
             Self::Full => f.write_str(
                 "all places of this study are taken; one may become free, so you can try again later",
+            ),
+            Self::Withdrawn => f.write_str(
+                "you took part in this study and withdrew afterwards; nobody can take part a second time",
             ),
         }
     }

@@ -414,6 +414,8 @@ pub(super) struct NotePage {
 #[template(path = "participant/withdraw.html")]
 pub(super) struct WithdrawPage {
     pub token: Token,
+    /// Whether the run is over, so that its person cannot begin again.
+    pub has_ended: bool,
 }
 
 /// A drawn scene, to stand inside the page.

@@ -33,15 +33,23 @@ pub(super) async fn ask(
     let page = match (run.is_owner, run.state) {
         (false, _) => Err(not_the_owner()),
         (true, RunState::Withdrawn) => Ok(withdrawn().into_response()),
+        (true, RunState::Active) => Ok(WithdrawPage {
+            token,
+            has_ended: false,
+        }
+        .into_response()),
         (
             true,
-            RunState::Active
-            | RunState::Completed
+            RunState::Completed
             | RunState::Declined
             | RunState::ScreenedOut
             | RunState::FailedCheck
             | RunState::TimedOut,
-        ) => Ok(WithdrawPage { token }.into_response()),
+        ) => Ok(WithdrawPage {
+            token,
+            has_ended: true,
+        }
+        .into_response()),
     };
     let study = catalogue.version(run.version);
     let study = study.ok_or(Error::NotFound("study"))?;

@@ -1,7 +1,11 @@
 //! Withdrawal removes what a person gave, and nothing of anybody else.
 
-use riskaware::store::{AnalysisSet, Error, EventKind, NewArrival, Population, RunState, Store};
-use riskaware::study::{Reply, StudyId};
+use rand::SeedableRng;
+use rand_chacha::ChaCha12Rng;
+use riskaware::store::{
+    AnalysisSet, Error, EventKind, NewArrival, Population, RunState, Store, Token,
+};
+use riskaware::study::{NotAdmitted, Reply, StudyId};
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
 
@@ -144,6 +148,40 @@ async fn who_withdrew_may_come_again() {
         .await
         .unwrap();
     assert!(again.run != started.run && again.is_owner);
+}
+
+#[tokio::test]
+async fn whoever_withdraws_after_the_end_gets_no_second_try_until_the_retention_date() {
+    let mut lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    let person = |name: &str| NewArrival {
+        person: Some(("mturk".to_owned(), name.to_owned())),
+        ..NewArrival::default()
+    };
+    let first = lab.arrival("driving", person("A1")).await;
+    let started = lab
+        .store
+        .start(&first, lab.new_run("driving"))
+        .await
+        .unwrap();
+    let mut declines = Person::of(&started);
+    declines.says(&lab, CONSENT, Reply::Declined).await.unwrap();
+    lab.store.withdraw(&declines.link).await.unwrap();
+
+    let arrive = |token: Token, arrival| {
+        let (store, driving) = (lab.store.clone(), driving.clone());
+        async move { store.arrive(&token, &driving, arrival).await }
+    };
+    let token = |seed| Token::random(&mut ChaCha12Rng::seed_from_u64(seed));
+    assert!(matches!(
+        arrive(token(900), person("A1")).await,
+        Err(Error::NotAdmitted(NotAdmitted::Withdrawn))
+    ));
+    arrive(token(901), person("A2")).await.unwrap();
+
+    lab.store.forget_people(&driving).await.unwrap();
+    arrive(token(902), person("A1")).await.unwrap();
+    lab.check().await;
 }
 
 #[tokio::test]
