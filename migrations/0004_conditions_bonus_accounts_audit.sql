@@ -29,6 +29,9 @@ alter table population add column erased_version integer not null default 0;
 alter table arrival add column is_preview integer not null default 0 check (is_preview in (0, 1));
 alter table arrival add column language text;
 
+-- Where the server ends a run, the newest link is the one that its person went on with: it shows the ending.
+alter table run_token add column made_at_ms integer not null default 0;
+
 create table run_in_any_state (
     id integer primary key,
     study_id text not null references study (id),

@@ -214,6 +214,7 @@ impl Batch {
             arrival: start.arrival.to_hex(),
             run_id: found.run,
             is_owner: found.is_owner,
+            at: start.at.0,
         });
     }
 
@@ -357,7 +358,7 @@ impl Batch {
                 Some(&Body::of(&submit.submission)),
             );
         }
-        if judgement.closed.is_some() && self.runs[&submit.run].facts.state == RunState::Completed {
+        if judgement.closed.is_some() && self.runs[&submit.run].facts.state != RunState::Active {
             let finisher = submit.link.map(|link| (submit.run, link.to_hex()));
             self.effects.finishers.extend(finisher);
         }
@@ -420,6 +421,7 @@ impl Batch {
             body: Some(json(&EndedBody { state })),
         });
         self.effects.touched.insert(id);
+        self.effects.ended_alone.push(id);
         if !self.runs[&id].facts.is_preview {
             self.count_state(id);
         }
@@ -428,6 +430,9 @@ impl Batch {
     fn run_out(&mut self, run: RunId, closed: &Closed) {
         let event = self.add_event(run, closed.position, EventKind::RanOut, closed.at);
         self.close(run, event, closed, None);
+        if self.runs[&run].facts.state != RunState::Active {
+            self.effects.ended_alone.push(run);
+        }
     }
 
     /// Keeps what a closed step adds: its answer, the counts, the run's new state.

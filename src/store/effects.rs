@@ -22,8 +22,10 @@ pub(super) struct Effects {
     pub(super) runs: Vec<NewRunRow>,
     pub(super) steps: Vec<NewStepRow>,
     pub(super) links: Vec<NewLink>,
-    /// Completed runs, each with the hash of the link on which its last step was answered.
+    /// Runs that ended, each with the hash of the link on which its last step was answered.
     pub(super) finishers: Vec<(RunId, String)>,
+    /// Runs that ended without a form: their newest link is the one that their person went on with.
+    pub(super) ended_alone: Vec<RunId>,
     pub(super) events: Vec<NewEvent>,
     pub(super) answers: Vec<NewAnswer>,
     /// Runs whose row changed.
@@ -88,6 +90,7 @@ pub(super) struct NewLink {
     pub(super) arrival: String,
     pub(super) run_id: RunId,
     pub(super) is_owner: bool,
+    pub(super) at: i64,
 }
 
 #[derive(Debug, Serialize)]
@@ -316,8 +319,8 @@ impl Effects {
         let links = json(&self.links);
         sqlx::query(
             r#"
-            insert into run_token (token_hash, run_id, is_owner)
-            select unhex(value ->> 'link'), value ->> 'run_id', value ->> 'is_owner'
+            insert into run_token (token_hash, run_id, is_owner, made_at_ms)
+            select unhex(value ->> 'link'), value ->> 'run_id', value ->> 'is_owner', value ->> 'at'
             from json_each(?)
             "#,
         )
@@ -339,21 +342,41 @@ impl Effects {
     }
 
     async fn write_finishers(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
-        if self.finishers.is_empty() {
-            return Ok(());
+        if !self.finishers.is_empty() {
+            sqlx::query(
+                r#"
+                update run_token
+                set is_finisher = 1
+                from json_each(?) as new
+                where run_token.token_hash = unhex(new.value ->> 1)
+                and run_token.run_id = new.value ->> 0
+                "#,
+            )
+            .bind(json(&self.finishers))
+            .execute(&mut *connection)
+            .await?;
         }
-        sqlx::query(
-            r#"
-            update run_token
-            set is_finisher = 1
-            from json_each(?) as new
-            where run_token.token_hash = unhex(new.value ->> 1)
-            and run_token.run_id = new.value ->> 0
-            "#,
-        )
-        .bind(json(&self.finishers))
-        .execute(connection)
-        .await?;
+        if !self.ended_alone.is_empty() {
+            sqlx::query(
+                r#"
+                update run_token
+                set is_finisher = 1
+                where token_hash in (
+                    select (
+                        select token_hash
+                        from run_token
+                        where run_id = ended.value
+                        order by made_at_ms desc, is_owner
+                        limit 1
+                    )
+                    from json_each(?) as ended
+                )
+                "#,
+            )
+            .bind(json(&self.ended_alone))
+            .execute(connection)
+            .await?;
+        }
         Ok(())
     }
 

@@ -512,6 +512,48 @@ async fn a_recruited_person_has_one_run_in_each_study() {
 }
 
 #[tokio::test]
+async fn every_ending_is_shown_on_the_link_on_which_its_person_was() {
+    let mut lab = Lab::open().await;
+    let run = NewRun {
+        time_limit_ms: Some(60_000),
+        ..lab.new_run("driving")
+    };
+    let mut links = Vec::new();
+    for person in ["declines", "leaves"] {
+        for _ in 0..2 {
+            let arrival = lab.arrival("driving", recruited(person)).await;
+            links.push(lab.store.start(&arrival, run.clone()).await.unwrap());
+            lab.clock.advance(1_000);
+        }
+    }
+    let [_, declining, leaving, left] = &links[..] else {
+        panic!("two people with two links each");
+    };
+    let decline = form(CONSENT, "no", Reply::Declined);
+    let on_link = lab
+        .store
+        .submit_on(&declining.link, declining.run, decline)
+        .await;
+    assert_eq!(on_link.unwrap().state, RunState::Declined);
+    lab.clock.advance(60_000);
+    assert_eq!(lab.store.close_overdue().await.unwrap(), 1);
+    let (mut late, ends) = (lab.arrival("driving", recruited("leaves")).await, left.run);
+    late = lab.store.start(&late, run).await.unwrap().link;
+
+    for (link, state) in [
+        (&declining.link, RunState::Declined),
+        (&left.link, RunState::TimedOut),
+        (&leaving.link, RunState::TimedOut),
+    ] {
+        let view = lab.store.run(link).await.unwrap();
+        assert_eq!((view.state, view.shows_code), (state, true));
+    }
+    // A link that was made after the end is anybody's who knows the person's id.
+    let view = lab.store.run(&late).await.unwrap();
+    assert_eq!((view.run, view.shows_code), (ends, false));
+}
+
+#[tokio::test]
 async fn who_has_finished_gets_no_second_run() {
     let mut lab = Lab::open().await;
     let arrival = lab.arrival("driving", recruited("p1")).await;
