@@ -151,6 +151,8 @@ impl Evidence {
         let mut new = NewCheckpoints {
             study: id.clone(),
             population: self.population,
+            // Read before the counts were: whoever withdrew in between makes it too old.
+            data_version: snapshot.version.data_version,
             checkpoints: Vec::new(),
             reached: None,
         };
@@ -253,6 +255,7 @@ impl Evidence {
         let nothing = NewCheckpoints {
             study: new.study.clone(),
             population: new.population,
+            data_version: new.data_version,
             checkpoints: Vec::new(),
             reached: None,
         };

@@ -57,6 +57,8 @@ pub struct NewCheckpoints {
     pub study: StudyId,
     /// Of whom.
     pub population: Population,
+    /// The data version of the answers that they are about, or an earlier one.
+    pub data_version: i64,
     /// Each replaces the earlier one of as many people.
     pub checkpoints: Vec<Checkpoint>,
     /// Kept only where this rule was not reached before. Its moment is that of the commit.
@@ -194,7 +196,8 @@ impl Store {
     }
 }
 
-/// Stores checkpoints, and that a rule was reached. Says whether that was new.
+/// Stores checkpoints, and that a rule was reached; nothing where they counted somebody who has withdrawn since. Says whether
+/// the rule was new.
 pub(super) async fn save(
     connection: &mut SqliteConnection,
     new: &NewCheckpoints,
@@ -206,7 +209,12 @@ pub(super) async fn save(
             insert or replace into checkpoint (
                 study_id, is_simulated, n, input_hash, program_version, result, created_at_ms
             )
-            values (?, ?, ?, ?, ?, ?, ?)
+            select ?1, ?2, ?3, ?4, ?5, ?6, ?7
+            where not exists (
+                select 1
+                from population
+                where study_id = ?1 and is_simulated = ?2 and erased_version > ?8
+            )
             "#,
         )
         .bind(new.study.as_str())
@@ -216,6 +224,7 @@ pub(super) async fn save(
         .bind(env!("CARGO_PKG_VERSION"))
         .bind(&checkpoint.result)
         .bind(at.0)
+        .bind(new.data_version)
         .execute(&mut *connection)
         .await?;
     }
@@ -224,7 +233,12 @@ pub(super) async fn save(
         let stored = sqlx::query(
             r#"
             insert into stopping (study_id, is_simulated, rule_hash, rule, n, value, reached_at_ms)
-            values (?, ?, ?, ?, ?, ?, ?)
+            select ?1, ?2, ?3, ?4, ?5, ?6, ?7
+            where not exists (
+                select 1
+                from population
+                where study_id = ?1 and is_simulated = ?2 and erased_version > ?8
+            )
             -- what was announced stays as it was announced
             on conflict do nothing
             "#,
@@ -236,6 +250,7 @@ pub(super) async fn save(
         .bind(i64::try_from(reached.n).unwrap_or(i64::MAX))
         .bind(reached.value)
         .bind(at.0)
+        .bind(new.data_version)
         .execute(&mut *connection)
         .await?;
         is_first = stored.rows_affected() > 0;

@@ -5,7 +5,7 @@ use riskaware::store::{
 };
 use riskaware::study::{Reply, StudyId};
 
-use super::lab::{CONSENT, Lab, START_PAGE};
+use super::lab::{CONSENT, Lab, START_PAGE, TIMED_LOW};
 
 const CELL: &str = "explicit/untimed/low";
 
@@ -153,6 +153,7 @@ async fn a_rule_is_reached_once_whatever_comes_later() {
     let new = |checkpoints, reached: Option<(&str, u64)>| NewCheckpoints {
         study: driving.clone(),
         population: Population::People,
+        data_version: 0,
         checkpoints,
         reached: reached.map(|(rule_hash, n)| Reached {
             rule_hash: rule_hash.to_owned(),
@@ -188,6 +189,26 @@ async fn a_rule_is_reached_once_whatever_comes_later() {
         (reached.n, reached.value, reached.reached_at),
         (15, 12.5, at)
     );
+    // A withdrawal came between the reading of the answers and the end of the look at them.
+    let mut lab = lab;
+    let mut leaves = lab.start_and_reach_timed("driving").await;
+    leaves.chooses(&lab, TIMED_LOW, "stop").await;
+    lab.store.withdraw(&leaves.link).await.unwrap();
+    let late = NewCheckpoints {
+        study: driving.clone(),
+        population: Population::People,
+        data_version: 0,
+        checkpoints: vec![checkpoint(5, "e")],
+        reached: Some(Reached {
+            rule_hash: "no rule".to_owned(),
+            rule: "{}".to_owned(),
+            n: 5,
+            value: 12.5,
+        }),
+    };
+    assert!(!lab.store.save_checkpoints(late).await.unwrap());
+    let left = lab.store.checkpoints(&driving, Population::People).await;
+    assert_eq!(left.unwrap(), []);
     for (study, population, rule) in [
         (&driving, Population::People, "no rule"),
         (&driving, Population::Simulated, "rule"),
