@@ -102,8 +102,10 @@ impl Recruiting {
         if let Some(opens) = self.opens.filter(|opens| now < *opens) {
             return Err(NotAdmitted::NotYet(opens));
         }
-        if let Some(closes) = self.closes.filter(|closes| now >= *closes) {
-            return Err(NotAdmitted::Over(closes));
+        // Whoever started after the retention date could not withdraw any more.
+        let ends = [self.closes, self.retention].into_iter().flatten().min();
+        if let Some(end) = ends.filter(|end| now >= *end) {
+            return Err(NotAdmitted::Over(end));
         }
         let is_other = |device: &Device| !self.devices.is_empty() && !self.devices.contains(device);
         if device.as_ref().is_some_and(is_other) {
@@ -169,6 +171,20 @@ mod tests {
         assert_eq!(at(10), Ok(()));
         assert_eq!(at(19), Ok(()));
         assert_eq!(at(20), Err(NotAdmitted::Over(Timestamp(20))));
+    }
+
+    #[test]
+    fn nobody_is_taken_in_from_the_retention_date_on() {
+        let open_end = Recruiting {
+            closes: None,
+            retention: Some(Timestamp(30)),
+            ..from_ten_to_twenty()
+        };
+        assert_eq!(open_end.admit(Timestamp(29), None), Ok(()));
+        assert_eq!(
+            open_end.admit(Timestamp(30), None),
+            Err(NotAdmitted::Over(Timestamp(30)))
+        );
     }
 
     #[test]

@@ -346,8 +346,8 @@ async fn whoever_finished_can_withdraw_until_the_retention_date() {
         .await
         .unwrap();
     assert_eq!(answers.len(), 2, "what was answered stays, anonymous");
-    let again = app.participant_of("/s/between?PROLIFIC_PID=8c1").await;
-    assert!(again.page.text(".completion__code").is_none());
+    let again = app.get("/s/between?PROLIFIC_PID=8c1").await;
+    assert!(again.html.contains("ended on 1 February 2026"));
     assert_eq!(app.store.check_answers().await.unwrap(), []);
     assert_eq!(app.store.check_counters().await.unwrap(), []);
     app.stop().await;
