@@ -19,7 +19,7 @@ use crate::study::step::{Assessment, ClientTiming};
 use crate::study::{BlockId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor, Timestamp};
 
 /// The platform under which imported people are known.
-const PLATFORM: &str = "import";
+pub(super) const PLATFORM: &str = "import";
 
 /// Somebody who answered elsewhere.
 #[derive(Debug, Clone)]

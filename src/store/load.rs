@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::import;
 use super::rules::{KeySeen, RunFacts, SWEEP_SLACK_MS, StepFacts};
 use super::token::TokenHash;
 use super::{EventId, Population, ProblemId, Receipt, RunId, RunState, StudyState, Verdict, json};
@@ -14,7 +15,7 @@ use crate::study::{BlockId, ConditionId, StepKind, StudyId, TimeFactor, Timestam
 pub(super) struct LoadedRun {
     pub(super) study: StudyId,
     pub(super) population: Population,
-    /// The condition, where it takes a place: previews take none.
+    /// The condition, where it takes a place: previews and runs without an end take none.
     pub(super) place: Option<Place>,
     pub(super) facts: RunFacts,
 }
@@ -142,7 +143,7 @@ pub(super) async fn runs(
         let run = match runs.entry(RunId(row.id)) {
             std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
             std::collections::hash_map::Entry::Vacant(vacant) => vacant.insert(LoadedRun {
-                place: (!row.is_preview).then(|| Place {
+                place: (!row.is_preview && row.expires_at_ms.is_some()).then(|| Place {
                     study: row.study_id.as_str().into(),
                     population: Population::from_flag(row.is_simulated),
                     condition: row.condition.as_deref().map(ConditionId::from),
@@ -228,7 +229,8 @@ pub(super) async fn overdue_runs(
     .await
 }
 
-/// How many places are taken, by study, population and condition.
+/// How many places are taken, by study, population and condition. A run without an end would hold its place for ever, and
+/// who answered elsewhere never had one: neither counts.
 pub(super) async fn places(
     connection: &mut SqliteConnection,
     studies: &BTreeSet<(StudyId, Population)>,
@@ -249,10 +251,13 @@ pub(super) async fn places(
             and run.is_simulated = asked.value ->> 1
         where run.state in ('active', 'completed')
         and run.is_preview = 0
+        and (run.state = 'completed' or run.expires_at_ms is not null)
+        and run.platform is not ?
         group by 1, 2, 3
         "#,
     )
     .bind(json(&asked))
+    .bind(import::PLATFORM)
     .fetch_all(connection)
     .await?;
     Ok(rows

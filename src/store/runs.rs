@@ -8,6 +8,7 @@ use rand::seq::SliceRandom;
 use sha2::{Digest, Sha256};
 use sqlx::sqlite::SqliteConnection;
 
+use super::import;
 use super::job::{AskedProblem, CandidateRun, DrawnStep};
 use super::load::{self, step_kind, time_factor};
 use super::{Error, Population, RunId, RunState, Store, Token, VersionId, json};
@@ -433,14 +434,17 @@ impl Store {
                 where study_id = ?
                 and (state <> 'active' or started_at_ms < ?)
                 and (
-                    platform is not null or platform_key is not null or recruiting is not null
+                    (platform is not null and platform <> ?) or recruiting is not null
                     or exists (select 1 from run_token where run_token.run_id = run.id)
                 )
             )
+            or exists (select 1 from withdrawn_person where study_id = ?)
             "#,
         )
         .bind(study.as_str())
         .bind(before.0)
+        .bind(import::PLATFORM)
+        .bind(study.as_str())
         .fetch_one(&self.pool)
         .await?)
     }

@@ -2,8 +2,12 @@
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::import;
 use super::{Change, RunId, RunState, json, load};
 use crate::study::{StudyId, Timestamp};
+
+/// Of the start of a withdrawn run its day is kept.
+const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 /// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
 /// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
@@ -63,10 +67,12 @@ pub(super) async fn erase(
         update run
         set
             state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
-            platform = null, platform_key = null, recruiting = null, source = null, finished_at_ms = ?
+            platform = null, platform_key = null, recruiting = null, source = null, language = null, condition = null,
+            time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?, finished_at_ms = ?
         where id = ?
         "#,
     )
+    .bind(DAY_MS)
     .bind(at.0)
     .bind(run)
     .execute(&mut *connection)
@@ -154,7 +160,7 @@ async fn forget_results(connection: &mut SqliteConnection, run: RunId) -> Result
 }
 
 /// Erases links and recruiting ids of the runs of a study that are over or began before `before`. Returns how many had
-/// any.
+/// any. The keys of imported people stay, so that the same file is not imported twice: they came by no link.
 pub(super) async fn forget_people(
     connection: &mut SqliteConnection,
     study: &StudyId,
@@ -167,13 +173,14 @@ pub(super) async fn forget_people(
         where study_id = ?
         and (state <> 'active' or started_at_ms < ?)
         and (
-            platform is not null or platform_key is not null or recruiting is not null
+            (platform is not null and platform <> ?) or recruiting is not null
             or exists (select 1 from run_token where run_token.run_id = run.id)
         )
         "#,
     )
     .bind(study.as_str())
     .bind(before.0)
+    .bind(import::PLATFORM)
     .fetch_all(&mut *connection)
     .await?;
     for statement in [

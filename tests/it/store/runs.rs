@@ -1,14 +1,15 @@
 //! A person's way through a study, with everything that people and networks do to it.
 
 use riskaware::store::{
-    AnswerStatus, Error, EventKind, NewArrival, NewRun, Population, RunState, StudyState, Token,
-    Verdict, draw_run,
+    AnswerStatus, Error, EventKind, ImportedAnswer, ImportedRun, NewArrival, NewRun, Population,
+    RunState, StudyState, Token, Verdict, draw_run,
 };
-use riskaware::study::{Reply, StepKind, Study, StudyId, TimeFactor, built_in};
+use riskaware::study::step::ClientTiming;
+use riskaware::study::{NotAdmitted, Reply, StepKind, Study, StudyId, TimeFactor, built_in};
 
 use super::lab::{
     CONSENT, FORM, GRACE_MS, LIMIT_MS, Lab, Person, START_PAGE, THANKS, TIMED_HIGH, TIMED_LOW,
-    UNTIMED_LOW, choice, form,
+    UNTIMED_LOW, choice, form, steps,
 };
 
 fn recruited(person: &str) -> NewArrival {
@@ -509,6 +510,45 @@ async fn a_recruited_person_has_one_run_in_each_study() {
             .run,
         owner.run
     );
+}
+
+#[tokio::test]
+async fn runs_without_an_end_and_imported_ones_take_no_place() {
+    let mut lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    lab.start("driving").await;
+    let imported = ImportedRun {
+        participant: "1".to_owned(),
+        answers: vec![ImportedAnswer {
+            step: steps()[UNTIMED_LOW as usize].clone(),
+            shown_at: None,
+            at: lab.clock.now(),
+            reply: choice("stop"),
+            timing: ClientTiming::default(),
+        }],
+        is_completed: true,
+    };
+    let import = async || {
+        let runs = vec![imported.clone()];
+        let version = lab.version("driving");
+        lab.store.import(&driving, version, "elsewhere", runs).await
+    };
+    assert_eq!(import().await.unwrap(), 1);
+    // What the retention date erases is links; the same people are still known.
+    lab.store.forget_people(&driving).await.unwrap();
+    assert!(matches!(import().await, Err(Error::Refused(_))));
+
+    let with_quota = NewRun {
+        quota: Some(1),
+        time_limit_ms: Some(60_000),
+        ..lab.new_run("driving")
+    };
+    lab.start_as("driving", with_quota.clone()).await;
+    let arrival = lab.arrival("driving", NewArrival::default()).await;
+    assert!(matches!(
+        lab.store.start(&arrival, with_quota).await,
+        Err(Error::NotAdmitted(NotAdmitted::Full))
+    ));
 }
 
 #[tokio::test]

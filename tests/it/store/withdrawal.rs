@@ -3,9 +3,9 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::store::{
-    AnalysisSet, Error, EventKind, NewArrival, Population, RunState, Store, Token,
+    AnalysisSet, Error, EventKind, NewArrival, NewRun, Population, RunId, RunState, Store, Token,
 };
-use riskaware::study::{NotAdmitted, Reply, StudyId};
+use riskaware::study::{NotAdmitted, Reply, StudyId, TimeFactor};
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
 
@@ -182,6 +182,33 @@ async fn whoever_withdraws_after_the_end_gets_no_second_try_until_the_retention_
     lab.store.forget_people(&driving).await.unwrap();
     arrive(token(902), person("A1")).await.unwrap();
     lab.check().await;
+}
+
+#[tokio::test]
+async fn the_row_that_stays_tells_neither_condition_nor_clock_nor_more_time() {
+    let mut lab = Lab::open().await;
+    let driving = StudyId::from("driving");
+    lab.clock.advance(12_345);
+    let mut run = NewRun {
+        factor: TimeFactor::new(2.0).unwrap(),
+        ..lab.new_run("driving")
+    };
+    run.candidates[0].condition = Some("a/b".into());
+    let person = lab.start_as("driving", run).await;
+    let row = async || {
+        let rows = lab
+            .store
+            .participants(&driving, Population::People, RunId::from(0), 10)
+            .await
+            .unwrap();
+        rows.into_iter().next().unwrap()
+    };
+    let before = row().await;
+    assert!(before.condition.is_some() && before.started_at.0 % 86_400_000 != 0);
+    lab.store.withdraw(&person.link).await.unwrap();
+    let after = row().await;
+    assert_eq!((after.condition, after.time_factor), (None, 1.0));
+    assert_eq!(after.started_at.0 % 86_400_000, 0);
 }
 
 #[tokio::test]
