@@ -41,6 +41,18 @@ struct Known {
     text: String,
     /// The study that it described when it could last be read.
     study: Option<StudyId>,
+    outcome: Outcome,
+}
+
+/// What became of a file when it was last read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Outcome {
+    /// Its text is what is served.
+    Served,
+    /// It is wrong until its text changes.
+    Refused,
+    /// It is wrong as long as another file describes the same study.
+    Duplicate,
 }
 
 /// A file that is to be read.
@@ -69,11 +81,13 @@ impl StudyFolder {
         for (name, text) in built_in() {
             studies.push(Study::parse(name, text).map_err(CatalogueError::from)?);
         }
-        let (mut errors, mut left_alone) = (Vec::new(), Vec::new());
+        let (mut errors, mut left_alone, mut given) = (Vec::new(), Vec::new(), Vec::new());
         for changed in self.changed()? {
             let path = changed.path.clone();
             match self.read(changed) {
                 Ok(Some(study)) => {
+                    self.note(&path, Outcome::Served);
+                    given.push(study.id().clone());
                     match studies.iter_mut().find(|known| known.id() == study.id()) {
                         Some(known) => *known = study,
                         None => studies.push(study),
@@ -86,6 +100,8 @@ impl StudyFolder {
                 }
             }
         }
+        // A study that another file describes is served from there.
+        left_alone.retain(|study| !given.contains(study));
         let catalogue = Catalogue::publish_but(store, studies, &left_alone).await?;
         for (path, error) in errors {
             refuse(&catalogue, &path, error);
@@ -129,7 +145,7 @@ impl StudyFolder {
             match self.read(changed) {
                 Ok(None) => catalogue.note_file(&path.display().to_string(), None),
                 Ok(Some(study)) => match renew(store, catalogue, prepare, &path, study).await {
-                    Ok(()) => {}
+                    Ok(()) => self.note(&path, Outcome::Served),
                     Err(NotRenewed::Refused(error)) => refuse(catalogue, &path, error),
                     Err(NotRenewed::Store(error)) => {
                         // Forgotten, so that the next look tries again.
@@ -143,7 +159,13 @@ impl StudyFolder {
         Ok(())
     }
 
-    /// The files that are new, or look different from when they were last read, by name.
+    fn note(&mut self, path: &Path, outcome: Outcome) {
+        if let Some(known) = self.known.get_mut(path) {
+            known.outcome = outcome;
+        }
+    }
+
+    /// The files that are new, look different from when they were last read, or wait for another one to go, by name.
     fn changed(&self) -> Result<Vec<Changed>, FolderError> {
         let failed = |error| FolderError::Folder {
             folder: self.path.clone(),
@@ -160,10 +182,11 @@ impl StudyFolder {
                 continue;
             };
             let (modified, length) = (metadata.modified().ok(), metadata.len());
-            let is_known = self
-                .known
-                .get(&path)
-                .is_some_and(|known| known.modified == modified && known.length == length);
+            let is_known = self.known.get(&path).is_some_and(|known| {
+                known.modified == modified
+                    && known.length == length
+                    && known.outcome != Outcome::Duplicate
+            });
             if !is_known {
                 changed.push(Changed {
                     path,
@@ -176,7 +199,7 @@ impl StudyFolder {
         Ok(changed)
     }
 
-    /// Reads a file; nothing if its text is the one that is known.
+    /// Reads a file; nothing if its text is the one that is served.
     fn read(&mut self, changed: Changed) -> Result<Option<Study>, String> {
         let Changed {
             path,
@@ -185,7 +208,9 @@ impl StudyFolder {
         } = changed;
         let text = std::fs::read_to_string(&path).map_err(|error| error.to_string())?;
         let earlier = self.known.get(&path).cloned();
-        let is_same = earlier.as_ref().is_some_and(|known| known.text == text);
+        let is_served = earlier
+            .as_ref()
+            .is_some_and(|known| known.text == text && known.outcome == Outcome::Served);
         let parsed = Study::parse(&path.display().to_string(), &text);
         let study = match &parsed {
             Ok(study) => Some(study.id().clone()),
@@ -196,23 +221,32 @@ impl StudyFolder {
             length,
             text,
             study,
+            outcome: if is_served {
+                Outcome::Served
+            } else {
+                Outcome::Refused
+            },
         };
         self.known.insert(path.clone(), known);
         let study = parsed.map_err(|error| error.to_string())?;
         if let Some(other) = self.other_file_of(study.id(), &path) {
-            return Err(format!(
+            let error = format!(
                 "study {} is described by {} already; give one of them another id",
                 study.id(),
                 other.display()
-            ));
+            );
+            self.note(&path, Outcome::Duplicate);
+            return Err(error);
         }
-        Ok((!is_same).then_some(study))
+        Ok((!is_served).then_some(study))
     }
 
     fn other_file_of(&self, study: &StudyId, path: &Path) -> Option<&Path> {
         self.known
             .iter()
-            .filter(|(other, _)| other.as_path() != path && other.exists())
+            .filter(|(other, known)| {
+                other.as_path() != path && known.outcome != Outcome::Duplicate && other.exists()
+            })
             .find(|(_, known)| known.study.as_ref() == Some(study))
             .map(|(other, _)| other.as_path())
     }
@@ -279,6 +313,10 @@ async fn renew(
 }
 
 fn refuse(catalogue: &Catalogue, path: &Path, error: String) {
-    tracing::error!(file = %path.display(), %error, "a study file is refused; what was served before goes on");
-    catalogue.note_file(&path.display().to_string(), Some(error));
+    let file = path.display().to_string();
+    // A file that waits for another one to go is read at each look, and told of once.
+    if catalogue.file_errors().get(&file) != Some(&error) {
+        tracing::error!(file, %error, "a study file is refused; what was served before goes on");
+    }
+    catalogue.note_file(&file, Some(error));
 }

@@ -3,6 +3,7 @@
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
+    time::{Duration, SystemTime},
 };
 
 use riskaware::{
@@ -138,6 +139,54 @@ async fn a_broken_file_at_the_start_stops_no_other_study() {
     for id in ["driving", "cups"] {
         assert!(catalogue.current(&StudyId::from(id)).is_some());
     }
+}
+
+#[tokio::test]
+async fn a_second_file_of_a_study_keeps_the_first_one_from_nothing() {
+    let mut folder = Folder::with(&[("a.toml", BETWEEN)]).await;
+    let stored = folder.publish().await.current(&between()).unwrap().0;
+    let longer = BETWEEN.replace("minutes = 2", "minutes = 20");
+    folder.write("a.toml", &longer);
+    folder.write("b.toml", BETWEEN);
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    let (version, study) = catalogue.current(&between()).unwrap();
+    assert!(version != stored && study.minutes() == 20);
+    let errors = catalogue.file_errors();
+    assert_eq!(errors.len(), 1);
+    assert!(errors.contains_key(&folder.file("b.toml").display().to_string()));
+
+    // It takes the first one's place as soon as that is gone, untouched.
+    std::fs::remove_file(folder.file("a.toml")).unwrap();
+    folder.look(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().1.minutes(), 2);
+    assert!(catalogue.file_errors().is_empty());
+}
+
+#[tokio::test]
+async fn a_refused_file_stays_refused_when_it_is_only_touched() {
+    let mut folder = Folder::with(&[]).await;
+    let catalogue = folder.publish().await;
+    folder.write("between.toml", BETWEEN);
+    let refuses: Prepare = Arc::new(|_: &Study| Err("no replay".to_owned()));
+    let file = folder.file("between.toml");
+    for second in 1..=2 {
+        let touched = std::fs::File::options().append(true).open(&file).unwrap();
+        touched
+            .set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(second))
+            .unwrap();
+        folder
+            .folder
+            .look(&folder.store, &catalogue, &refuses)
+            .await
+            .unwrap();
+        assert_eq!(catalogue.file_errors().len(), 1, "look {second}");
+    }
+    let touched = std::fs::File::options().append(true).open(&file).unwrap();
+    touched.set_modified(SystemTime::UNIX_EPOCH).unwrap();
+    folder.look(&catalogue).await;
+    assert!(catalogue.file_errors().is_empty());
+    assert!(catalogue.current(&between()).is_some());
 }
 
 #[tokio::test]
