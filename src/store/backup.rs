@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
 
-use super::disk::{Lock, with_suffix};
+use super::disk::{Lock, make_private, with_suffix};
 use super::open::{self, Schema};
 use super::{OpenError, Store};
 
@@ -153,6 +153,8 @@ pub(super) async fn copy_to(
             "the name is no UTF-8, which SQLite needs",
         ))
     })?;
+    // SQLite fills an empty file as it would make a new one, and would let others read that one while it is written.
+    make_private(&partial).map_err(failed)?;
     let written = sqlx::query("vacuum into ?")
         .bind(name)
         .execute(connection)

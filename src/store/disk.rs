@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use super::OpenError;
@@ -43,6 +43,16 @@ impl Lock {
             Err(TryLockError::Error(source)) => Err(OpenError::Lock { path, source }),
         }
     }
+}
+
+/// Makes an empty file that nobody but its owner may read, whatever the process's mask says.
+pub(super) fn make_private(path: &Path) -> std::io::Result<()> {
+    File::options()
+        .write(true)
+        .create_new(true)
+        .mode(0o600)
+        .open(path)
+        .map(drop)
 }
 
 /// A file that lies beside the database, such as its write-ahead log.
@@ -123,7 +133,19 @@ fn trust(magic: u32) -> Trust {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt;
+
     use super::*;
+
+    #[test]
+    fn a_private_file_is_its_owners_alone_and_takes_nobodys_place() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("copy.partial");
+        make_private(&path).unwrap();
+        let mode = std::fs::metadata(&path).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600);
+        assert!(make_private(&path).is_err());
+    }
 
     #[test]
     fn network_file_systems_are_refused_and_other_remote_ones_doubted() {
