@@ -743,6 +743,11 @@ async fn commands_make_accounts_and_tokens_while_the_server_runs() {
     let app = App::with(Clock::start(), App::built_in()).await;
     let link = token(1);
     app.store.renew_setup_link(&link).await.unwrap();
+    let (done, _, told) = command(&app, &["user", "add", "anna"], "a long password\n").await;
+    assert!(!done && told.contains("--role admin"), "{told}");
+    assert!(app.store.accounts().await.unwrap().is_empty());
+    let first = ["user", "add", "olga", "--role", "admin"];
+    assert!(command(&app, &first, "a long password\n").await.0);
     let (done, _, told) = command(&app, &["user", "add", "anna"], "short\n").await;
     assert!(!done && told.contains("12 to 128 characters"), "{told}");
     let (done, _, told) = command(&app, &["user", "add", "anna"], "a long password\n").await;

@@ -63,6 +63,12 @@ pub async fn run(args: UserArgs) -> anyhow::Result<()> {
 async fn carry_out(store: &Store, command: UserCommand) -> anyhow::Result<()> {
     match command {
         UserCommand::Add { name, role } => {
+            // Making it ends the setup link, and whoever is no admin cannot make another account.
+            if role != Role::Admin && store.accounts().await?.is_empty() {
+                anyhow::bail!(
+                    "{name} would be the first account, which has to be an admin, or nobody could manage the others; add --role admin"
+                );
+            }
             let account = NewAccount {
                 name: name.clone(),
                 password: password::hashed().await?,
