@@ -7,7 +7,7 @@ use std::{
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, StudyRow, StudyState, VersionId},
+    store::{self, Store, StudyRow, StudyState, StudyVersion, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
@@ -88,10 +88,11 @@ impl Catalogue {
         Ok(Self::of(served))
     }
 
-    /// The studies as they are stored, for commands that only read a database.
+    /// The studies as they are stored, for commands that only read a database. A study whose current version is not
+    /// readable any more is left out.
     ///
     /// # Errors
-    /// When a stored file is not readable any more, or the database fails.
+    /// When the database fails.
     pub async fn stored(store: &Store) -> Result<Self, CatalogueError> {
         let mut served = Served::default();
         for row in store.studies().await? {
@@ -206,17 +207,20 @@ impl Served {
                 continue;
             }
             self.add_versions(store, &row).await?;
-            tracing::warn!(study = %row.id, "no file describes this study any more; it is served as it was stored");
+            if self.current.iter().any(|(_, study)| *study.id() == row.id) {
+                tracing::warn!(study = %row.id, "no file describes this study any more; it is served as it was stored");
+            } else {
+                tracing::error!(study = %row.id, "no file describes this study any more, and its stored text is not readable; it is not served");
+            }
         }
         Ok(())
     }
 
     async fn add_versions(&mut self, store: &Store, row: &StudyRow) -> Result<(), CatalogueError> {
         for stored in store.study_versions(&row.id).await? {
-            let study = Study::parse(
-                &format!("version {} of {}", stored.id, row.id),
-                &stored.text,
-            )?;
+            let Some(study) = readable(&row.id, &stored) else {
+                continue;
+            };
             let study = Arc::new(study);
             self.versions.insert(stored.id, study.clone());
             if stored.id == row.version {
@@ -236,21 +240,22 @@ impl Served {
             if stored.id == current {
                 continue;
             }
-            match Study::parse(
-                &format!("version {} of {}", stored.id, study.id()),
-                &stored.text,
-            ) {
-                Ok(earlier) => {
-                    self.versions.insert(stored.id, Arc::new(earlier));
-                }
-                // An old text that a newer program no longer reads must not keep the new one from being served.
-                Err(error) => {
-                    tracing::warn!(%error, "a stored study version is not readable any more")
-                }
+            if let Some(earlier) = readable(study.id(), &stored) {
+                self.versions.insert(stored.id, Arc::new(earlier));
             }
         }
         Ok(())
     }
+}
+
+/// A stored text as this program reads it; nothing where it cannot, which must not keep anything else from being served.
+fn readable(study: &StudyId, stored: &StudyVersion) -> Option<Study> {
+    let name = format!("version {} of {study}", stored.id);
+    Study::parse(&name, &stored.text)
+        .inspect_err(
+            |error| tracing::warn!(%error, "a stored study version is not readable any more"),
+        )
+        .ok()
 }
 
 /// A study whose file does not say that it is open is a draft until somebody opens it.

@@ -3,8 +3,8 @@
 use riskaware::{
     clock::Clock,
     jobs::Catalogue,
-    store::{Options, Store},
-    study::StudyId,
+    store::{Options, Store, StudyState},
+    study::{StudyId, built_in},
 };
 
 use crate::app::START;
@@ -32,6 +32,34 @@ async fn two_files_of_one_study_are_refused_by_name() {
         error.contains("a.toml") && error.contains("b.toml"),
         "{error}"
     );
+}
+
+#[tokio::test]
+async fn a_stored_version_that_nobody_reads_any_more_stops_no_other_study() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = store(&folder).await;
+    let good = Catalogue::publish(&store, vec![file("a.toml", GAMBLES)])
+        .await
+        .unwrap();
+    let (earlier, _) = good.current(&StudyId::from("three-gambles")).unwrap();
+    for (id, text) in [("three-gambles", "format = 0"), ("of-old", "no study")] {
+        let hash = format!("hash of {text}");
+        store
+            .publish(&StudyId::from(id), &hash, text, StudyState::Open)
+            .await
+            .unwrap();
+    }
+    let built_in = built_in()
+        .iter()
+        .map(|(name, text)| file(name, text))
+        .collect();
+    let served = Catalogue::publish(&store, built_in).await.unwrap();
+    assert!(served.current(&StudyId::from("driving")).is_some());
+    for id in ["three-gambles", "of-old"] {
+        assert!(served.current(&StudyId::from(id)).is_none());
+    }
+    // Whoever began with a text that is readable still finishes with it.
+    assert!(served.version(earlier).is_some());
 }
 
 #[tokio::test]
