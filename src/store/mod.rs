@@ -247,6 +247,7 @@ impl Store {
         let path = options.path;
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
+        disk::create_private(&path)?;
         open::migrate(&path).await?;
         Self::set_up(Options { path, ..options }, clock, Some(lock)).await
     }

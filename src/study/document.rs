@@ -63,6 +63,17 @@ impl KeyPath {
     }
 }
 
+/// What TOML does not allow, with the piece of text that it is about where that is short.
+fn invalid_toml(text: &str, error: &toml::de::Error) -> String {
+    let piece = error.span().and_then(|span| text.get(span));
+    match piece.map(str::trim) {
+        Some(piece) if (1..=40).contains(&piece.len()) && !piece.contains('\n') => {
+            format!("invalid TOML: {} at `{piece}`", error.message())
+        }
+        Some(_) | None => format!("invalid TOML: {}", error.message()),
+    }
+}
+
 impl<'t> Document<'t> {
     pub(super) fn parse(file: &'t str, text: &'t str) -> Result<Self, ParseError> {
         match DeTable::parse(text) {
@@ -71,7 +82,7 @@ impl<'t> Document<'t> {
                 file: file.to_owned(),
                 line: error.span().map(|span| line_at(text, span.start)),
                 key: String::new(),
-                found: format!("invalid TOML: {}", error.message()),
+                found: invalid_toml(text, &error),
                 allowed: "TOML 1.0".to_owned(),
             }),
         }
