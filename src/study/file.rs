@@ -19,6 +19,9 @@ pub(super) struct RawStudy {
     #[serde(default)]
     pub(super) open: bool,
     pub(super) id: String,
+    /// Its languages; see `parse::languages`, which reads them and `text` from the tree.
+    pub(super) languages: Option<IgnoredAny>,
+    pub(super) text: Option<IgnoredAny>,
     pub(super) title: String,
     pub(super) summary: String,
     pub(super) minutes: u32,

@@ -6,13 +6,18 @@ use crate::study::document::{Fault, KeyPath};
 use crate::study::file::{RawBonus, RawCompletion, RawEnding};
 use crate::study::markup;
 use crate::study::template::Scope;
+use crate::study::words::Words;
 use crate::study::{Bonus, CompletionCode, EndingPage};
 
 /// The largest rate and endowment.
 const LARGEST_MONEY: f64 = 1e6;
 
 /// Reads `[completion]` with the tables in it.
-pub(super) fn read(raw: &RawCompletion, scope: &Scope<'_>) -> Result<Endings, Fault> {
+pub(super) fn read(
+    raw: &RawCompletion,
+    scope: &Scope<'_>,
+    words: &Words,
+) -> Result<Endings, Fault> {
     let at = KeyPath::root().key("completion");
     let code = match &raw.code {
         Some(code) => CompletionCode::Fixed(rules::code(code, &at.key("code"))?),
@@ -34,20 +39,20 @@ pub(super) fn read(raw: &RawCompletion, scope: &Scope<'_>) -> Result<Endings, Fa
         screened_out: other(
             "screened_out",
             &raw.screened_out,
-            "This study looks for other people",
-            "Thank you for your interest. By your answers you are not among the people whom this study asks, so it ends here.",
+            &words.screened_out_title,
+            &words.screened_out_text,
         )?,
         failed_check: other(
             "failed_check",
             &raw.failed_check,
-            "This study ends here",
-            "The questions about the instructions were not answered correctly, so the study cannot go on. Thank you for your time.",
+            &words.failed_check_title,
+            &words.failed_check_text,
         )?,
         timed_out: other(
             "timed_out",
             &raw.timed_out,
-            "The time for this study is over",
-            "The study was not finished in the time that was set for it, and your place was given to somebody else. Thank you for your time.",
+            &words.timed_out_title,
+            &words.timed_out_text,
         )?,
         completed,
     })

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{FieldError, Fields, Reply};
+use crate::study::Words;
 
 /// A consent step as the study file words it.
 #[derive(Debug, Clone)]
@@ -84,22 +85,19 @@ impl ConsentStep<'_> {
     /// The form field that carries the ticked clauses.
     pub const CLAUSE: &'static str = "clause";
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         match fields.get(Self::FIELD).map(String::as_str) {
             Some(Self::AGREE) if self.clauses.is_empty() => Ok(Reply::Agreed),
-            Some(Self::AGREE) => self.agreed_to(fields),
+            Some(Self::AGREE) => self.agreed_to(fields, words),
             Some(Self::DECLINE) => Ok(Reply::Declined),
             Some(_) | None => Err(vec![FieldError {
                 field: Self::FIELD.to_owned(),
-                message: format!(
-                    "Choose \u{201c}{}\u{201d} or \u{201c}{}\u{201d}.",
-                    self.agree, self.decline
-                ),
+                message: words.choose_decision(self.agree, self.decline),
             }]),
         }
     }
 
-    fn agreed_to(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    fn agreed_to(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let is_ticked = |clause: &Clause| fields.all(Self::CLAUSE).contains(&clause.id);
         let missing: Vec<FieldError> = self
             .clauses
@@ -107,10 +105,7 @@ impl ConsentStep<'_> {
             .filter(|clause| clause.required && !is_ticked(clause))
             .map(|clause| FieldError {
                 field: format!("clause-{}", clause.id),
-                message: format!(
-                    "Nobody can take part without agreeing to this: {}",
-                    clause.text
-                ),
+                message: words.clause_missing(&clause.text),
             })
             .collect();
         if !missing.is_empty() {
