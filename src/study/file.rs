@@ -19,8 +19,9 @@ pub(super) struct RawStudy {
     #[serde(default)]
     pub(super) open: bool,
     pub(super) id: String,
-    /// Its languages; see `parse::languages`, which reads them and `text` from the tree.
+    #[expect(dead_code, reason = "read from the tree, by `parse::languages`")]
     pub(super) languages: Option<IgnoredAny>,
+    #[expect(dead_code, reason = "read from the tree, by `parse::languages`")]
     pub(super) text: Option<IgnoredAny>,
     pub(super) title: String,
     pub(super) summary: String,

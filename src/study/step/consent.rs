@@ -143,6 +143,7 @@ mod tests {
                 .map(|value| ("consent".to_owned(), value.to_owned()))
                 .into_iter()
                 .collect(),
+            &Words::english(),
         )
     }
 
@@ -166,11 +167,17 @@ mod tests {
             ..STEP
         };
         let errors = step
-            .read(&posts(&[("consent", "agree"), ("clause", "archive")]))
+            .read(
+                &posts(&[("consent", "agree"), ("clause", "archive")]),
+                &Words::english(),
+            )
             .unwrap_err();
         assert_eq!(errors.len(), 1);
         assert_eq!(errors[0].field, "clause-adult");
-        let agreed = step.read(&posts(&[("consent", "agree"), ("clause", "adult")]));
+        let agreed = step.read(
+            &posts(&[("consent", "agree"), ("clause", "adult")]),
+            &Words::english(),
+        );
         let expected = [("adult".to_owned(), true), ("archive".to_owned(), false)];
         assert_eq!(
             agreed,
@@ -178,7 +185,7 @@ mod tests {
                 clauses: expected.into()
             })
         );
-        let declined = step.read(&posts(&[("consent", "decline")]));
+        let declined = step.read(&posts(&[("consent", "decline")]), &Words::english());
         assert_eq!(declined, Ok(Reply::Declined));
     }
 

@@ -4,16 +4,20 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use axum::{
     extract::{Path, Query, State},
-    http::HeaderMap,
-    response::Redirect,
+    http::{HeaderMap, StatusCode},
+    response::{IntoResponse, Redirect, Response},
 };
 
-use super::{Looking, device, pages::LandingPage, recruiting};
+use super::{
+    Looking, device, language,
+    pages::{LandingPage, NotePage, OtherLanguage},
+    recruiting,
+};
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{NewArrival, NewRun, Store, Token, draw_run},
-    study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor},
+    store::{self, NewArrival, NewRun, Store, Token, draw_run},
+    study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor, Words},
     web::{Error, Settings},
 };
 
@@ -28,10 +32,12 @@ pub(super) async fn arrive(
     Path(study): Path<StudyId>,
     headers: HeaderMap,
     Query(query): Query<BTreeMap<String, String>>,
-) -> Result<Redirect, Error> {
+) -> Result<Response, Error> {
     let mut arrival = recruiting::read(&query)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     arrival.refusal = refusal(&store, &served, &headers);
+    arrival.language = language::choose(served.languages(), asked_for(&query), &headers);
+    let words = in_language(&served, arrival.language.as_deref()).words();
     match served.recruiting().ids {
         RecruitingIds::Plain => {}
         RecruitingIds::Hashed => {
@@ -41,8 +47,10 @@ pub(super) async fn arrive(
         }
     }
     let token = Token::random(&mut chance.fork());
-    store.arrive(&token, &study, arrival).await?;
-    Ok(Redirect::to(&format!("/s/{study}/a/{token}")))
+    match store.arrive(&token, &study, arrival).await {
+        Ok(()) => Ok(Redirect::to(&format!("/s/{study}/a/{token}")).into_response()),
+        Err(error) => not_now(error, words),
+    }
 }
 
 /// POST `/studies/STUDY/preview`: the study as a participant meets it, in any of its states, without counting.
@@ -51,9 +59,11 @@ pub(super) async fn preview(
     State(catalogue): State<Arc<Catalogue>>,
     State(chance): State<Chance>,
     Path(study): Path<StudyId>,
+    headers: HeaderMap,
 ) -> Result<Redirect, Error> {
-    catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let arrival = NewArrival {
+        language: language::choose(served.languages(), None, &headers),
         is_preview: true,
         ..NewArrival::default()
     };
@@ -68,6 +78,7 @@ pub(super) async fn landing(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     Path((study, token)): Path<(StudyId, String)>,
+    Query(query): Query<BTreeMap<String, String>>,
 ) -> Result<LandingPage, Error> {
     let token = read_token(&token)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
@@ -75,9 +86,23 @@ pub(super) async fn landing(
     if arrival.study != study {
         return Err(Error::NotFound("link"));
     }
+    let language = chosen(served.languages(), &query).or(arrival.language.clone());
+    let is_other = language != arrival.language;
+    let shown = in_language(&served, language.as_deref());
+    let others = served.languages().iter();
+    let others = others
+        .filter(|tag| *tag != shown.language())
+        .map(|tag| OtherLanguage {
+            tag: tag.clone(),
+            name: served.in_language(tag).words().language_name.clone(),
+        })
+        .collect();
     Ok(LandingPage {
-        title: served.title().to_owned(),
-        summary: served.summary().to_owned(),
+        words: shown.words().clone(),
+        language: language.filter(|_| is_other),
+        others,
+        title: shown.title().to_owned(),
+        summary: shown.summary().to_owned(),
         minutes: served.minutes(),
         study: study.to_string(),
         token,
@@ -92,10 +117,12 @@ pub(super) async fn start(
     State(chance): State<Chance>,
     State(settings): State<Arc<Settings>>,
     Path((study, token)): Path<(StudyId, String)>,
+    Query(query): Query<BTreeMap<String, String>>,
     headers: HeaderMap,
-) -> Result<Redirect, Error> {
+) -> Result<Response, Error> {
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let language = chosen(served.languages(), &query);
     let run = NewRun {
         study: study.clone(),
         version,
@@ -105,10 +132,56 @@ pub(super) async fn start(
         refusal: refusal(&store, &served, &headers),
         factor: TimeFactor::ONE,
         population: settings.population,
+        language: language.clone(),
         is_preview: false,
     };
-    let started = store.start(&arrival, run).await?;
-    Ok(Redirect::to(&format!("/r/{}", started.link)))
+    match store.start(&arrival, run).await {
+        Ok(started) => Ok(Redirect::to(&format!("/r/{}", started.link)).into_response()),
+        Err(error) => {
+            let language = match language {
+                Some(language) => Some(language),
+                None => store.arrival(&arrival).await?.language,
+            };
+            not_now(error, in_language(&served, language.as_deref()).words())
+        }
+    }
+}
+
+/// The language that an address names.
+fn asked_for(query: &BTreeMap<String, String>) -> Option<&str> {
+    query.get("lang").map(String::as_str)
+}
+
+/// The same if the study has it, whatever the browser likes.
+fn chosen(languages: &[String], query: &BTreeMap<String, String>) -> Option<String> {
+    let asked_for = asked_for(query)?;
+    let is_had = languages.len() > 1 && languages.iter().any(|language| language == asked_for);
+    is_had.then(|| asked_for.to_owned())
+}
+
+/// The study in a language, or as its file words it.
+pub(super) fn in_language<'a>(study: &'a Study, language: Option<&str>) -> &'a Study {
+    language.map_or(study, |language| study.in_language(language))
+}
+
+/// What somebody is told who cannot begin now; anything else stays an error.
+fn not_now(error: store::Error, words: &Words) -> Result<Response, Error> {
+    let text_html = match &error {
+        store::Error::Closed { state, .. } => words.not_open_html(state),
+        store::Error::NotAdmitted(reason) => words.not_admitted_html(reason),
+        store::Error::NotFound(_)
+        | store::Error::Conflict(_)
+        | store::Error::Refused(_)
+        | store::Error::Busy
+        | store::Error::Unavailable(_)
+        | store::Error::Database(_) => return Err(error.into()),
+    };
+    let page = NotePage {
+        language: words.language.clone(),
+        title: words.cannot_start.clone(),
+        text_html,
+    };
+    Ok((StatusCode::GONE, page).into_response())
 }
 
 /// Why nobody new may start with this browser at this moment.

@@ -2,6 +2,7 @@
 
 mod arrival;
 mod device;
+mod language;
 mod pages;
 mod recruiting;
 mod run;

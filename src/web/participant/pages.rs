@@ -3,7 +3,7 @@
 use crate::{
     store::{StepView, Token},
     study::{
-        EndingPage, ReplayId, StepPlan, Timestamp,
+        EndingPage, ReplayId, StepPlan, Timestamp, Words,
         step::{
             ChoiceStep, Clause, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields,
             FormStep, InfoStep, LikertItem, ReplaysStep,
@@ -16,6 +16,7 @@ use askama_web::WebTemplate;
 
 /// What every step's page needs to know of its run.
 pub(super) struct RunLink<'a> {
+    pub words: &'a Words,
     pub token: &'a Token,
     pub is_owner: bool,
     /// Nothing that is done here counts.
@@ -66,12 +67,23 @@ pub(super) struct Rejected {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/landing.html")]
 pub(super) struct LandingPage {
+    pub words: Words,
+    /// Where it is another one than that of the link that was followed.
+    pub language: Option<String>,
+    pub others: Vec<OtherLanguage>,
     pub title: String,
     pub summary: String,
     pub minutes: u32,
     pub study: String,
     pub token: Token,
     pub is_preview: bool,
+}
+
+/// Another language in which the study can be taken.
+pub(super) struct OtherLanguage {
+    pub tag: String,
+    /// Its name in itself.
+    pub name: String,
 }
 
 #[derive(Template, WebTemplate)]
@@ -302,6 +314,7 @@ fn error_of<'a>(rejected: &'a Rejected, field: &str) -> Option<&'a str> {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/thanks.html")]
 pub(super) struct ThanksPage<'a> {
+    pub words: &'a Words,
     pub token: &'a Token,
     pub ending: &'a EndingPage,
     pub outcome: Outcome,
@@ -343,7 +356,7 @@ pub(super) struct BonusText {
 pub(super) struct PaidChoiceText {
     /// The heading of the question.
     pub question: String,
-    /// Which question of its block it was, such as `2 of 5`.
+    /// Which question of its block it was, such as `question 2 of 5`.
     pub place: String,
     /// What was chosen.
     pub action: String,
@@ -354,6 +367,7 @@ pub(super) struct PaidChoiceText {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/note.html")]
 pub(super) struct NotePage {
+    pub language: String,
     pub title: String,
     pub text_html: String,
 }
@@ -361,6 +375,7 @@ pub(super) struct NotePage {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/withdraw.html")]
 pub(super) struct WithdrawPage {
+    pub words: Words,
     pub token: Token,
 }
 

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::{
     Looking,
-    arrival::read_token,
+    arrival::{in_language, read_token},
     pages::{
         BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
         PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
@@ -28,7 +28,7 @@ use crate::{
         Token, Verdict,
     },
     study::{
-        CompletionCode, Ending, Step, StepPlan, Study, Timestamp,
+        CompletionCode, Ending, Step, StepPlan, Study, Timestamp, Words,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
     web::{AppState, Error, Replays, Settings, replays},
@@ -39,10 +39,11 @@ pub(super) async fn current(
     _: Looking,
     State(pages): State<RunPages>,
     Path(token): Path<String>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = match pages.store.visit(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
     pages.page(&token, &run, Rejected::default()).await
@@ -190,6 +191,8 @@ impl RunPages {
     ) -> Result<Result<Submission, Vec<FieldError>>, Error> {
         let plan = self.store.step(run.run, position).await?;
         let study = self.study(run)?;
+        let study = in_language(&study, run.language.as_deref());
+        let words = study.words();
         let step = study.step(&plan)?;
         let consent_version = match &step {
             Step::Consent(consent) => Some(consent.version.to_owned()),
@@ -200,11 +203,11 @@ impl RunPages {
             | Step::Thanks(_) => None,
         };
         if let Step::Replays(shown) = &step
-            && let Some(error) = self.too_early(run, position, shown).await?
+            && let Some(error) = self.too_early(run, position, shown, words).await?
         {
             return Ok(Err(vec![error]));
         }
-        Ok(step.read(fields).map(|reply| Submission {
+        Ok(step.read(fields, words).map(|reply| Submission {
             position,
             key,
             assessment: step.assess(&reply),
@@ -221,6 +224,7 @@ impl RunPages {
         run: &RunView,
         position: u32,
         shown: &ReplaysStep<'_>,
+        words: &Words,
     ) -> Result<Option<FieldError>, Error> {
         let current = run.step.as_ref().filter(|step| step.position == position);
         let Some(step) = current.filter(|_| run.population == Population::People) else {
@@ -233,10 +237,7 @@ impl RunPages {
         let missing_s = lasts_ms.saturating_sub(passed_ms).div_ceil(1000);
         Ok((missing_s > 0).then(|| FieldError {
             field: "viewings".to_owned(),
-            message: format!(
-                "All replays together last {} seconds. You can go on in {missing_s} seconds.",
-                lasts_ms.div_ceil(1000)
-            ),
+            message: words.viewings_early(lasts_ms.div_ceil(1000), missing_s),
         }))
     }
 
@@ -278,34 +279,36 @@ impl RunPages {
         run: &RunView,
         rejected: Rejected,
     ) -> Result<Response, Error> {
-        let Some(shown) = &run.step else {
-            return Ok(withdrawn().into_response());
-        };
         let study = self.study(run)?;
+        let study = in_language(&study, run.language.as_deref());
+        let words = study.words();
+        let Some(shown) = &run.step else {
+            return Ok(withdrawn(words).into_response());
+        };
         let step = study.step(&shown.plan)?;
         match (run.state, step) {
-            (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
-            (RunState::Declined, _) => declined(&study),
-            (RunState::ScreenedOut, _) => self.ended(token, run, &study, Ending::ScreenedOut).await,
-            (RunState::FailedCheck, _) => self.ended(token, run, &study, Ending::FailedCheck).await,
-            (RunState::TimedOut, _) => self.ended(token, run, &study, Ending::TimedOut).await,
+            (RunState::Withdrawn, _) => Ok(withdrawn(words).into_response()),
+            (RunState::Declined, _) => declined(study),
+            (RunState::ScreenedOut, _) => self.ended(token, run, study, Ending::ScreenedOut).await,
+            (RunState::FailedCheck, _) => self.ended(token, run, study, Ending::FailedCheck).await,
+            (RunState::TimedOut, _) => self.ended(token, run, study, Ending::TimedOut).await,
             (RunState::Completed, _) | (RunState::Active, Step::Thanks(_)) => {
-                self.ended(token, run, &study, Ending::Completed).await
+                self.ended(token, run, study, Ending::Completed).await
             }
             (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 text,
                 rejected,
             }
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 scene: scene(text.scene),
                 text,
             }
             .into_response()),
             (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 replays: self.replay_views(&text).await?,
                 seconds: self.lasts_ms(&text).await?.div_ceil(1000),
                 text,
@@ -313,7 +316,7 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 scene: scene(question.scene),
                 clock: PageClock::of(shown, self.store.clock().now()),
                 question,
@@ -321,15 +324,22 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Form(text)) => {
-                let link = self.link(token, run, shown);
+                let link = self.link(token, run, shown, words);
                 Ok(FormPage::new(link, text, shown.attempts, &rejected).into_response())
             }
         }
     }
 
     /// What a form needs to know of its run, with a new idempotency key.
-    fn link<'a>(&self, token: &'a Token, run: &RunView, shown: &'a StepView) -> RunLink<'a> {
+    fn link<'a>(
+        &self,
+        token: &'a Token,
+        run: &RunView,
+        shown: &'a StepView,
+        words: &'a Words,
+    ) -> RunLink<'a> {
         RunLink {
+            words,
             token,
             is_owner: run.is_owner,
             is_preview: run.is_preview,
@@ -384,14 +394,19 @@ impl RunPages {
         } else {
             Outcome::AlreadyTaken
         };
+        let words = study.words();
         Ok(ThanksPage {
+            words,
             token,
             ending: page,
             outcome,
             is_preview: run.is_preview,
             withdrawal: run.is_owner.then(|| LaterWithdrawal {
                 address: self.withdrawal_address(token),
-                until: study.recruiting().retention.map(last_day),
+                until: study
+                    .recruiting()
+                    .retention
+                    .map(|retention| words.day_of(Timestamp(retention.0 - 1))),
             }),
         }
         .into_response())
@@ -434,24 +449,17 @@ fn paid_choice(
         .map_or_else(|| paid.action.clone(), |action| action.label.clone());
     Ok(Some(PaidChoiceText {
         question: question.title.to_owned(),
-        place: format!("{} of {}", question.number, question.of),
+        place: study.words().bonus_question(question.number, question.of),
         action,
         reward: study.reward_unit().format(paid.reward),
     }))
-}
-
-/// The day that ends when the retention time does.
-fn last_day(retention: Timestamp) -> String {
-    jiff::Timestamp::from_millisecond(retention.0 - 1).map_or_else(
-        |_| format!("{} ms after 1970", retention.0),
-        |moment| moment.strftime("%-d %B %Y").to_string(),
-    )
 }
 
 /// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.
 fn declined(study: &Study) -> Result<Response, Error> {
     let page = study.declined_page().ok_or(Error::NotFound("run"))?;
     Ok(NotePage {
+        language: study.language().to_owned(),
         title: page.title.to_owned(),
         text_html: page.text_html.to_owned(),
     }
