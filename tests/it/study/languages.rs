@@ -92,9 +92,11 @@ fn ids_steps_and_problems_are_the_same_in_each_language() {
     let draw = |study: &Study| study.draw_steps(None, &mut ChaCha12Rng::seed_from_u64(7));
     assert_eq!(draw(&study), draw(german));
     for plan in draw(&study) {
-        let problem = |study: &Study| match study.step(&plan).unwrap() {
-            Step::Choice(choice) => choice.problem.cloned(),
-            _ => None,
+        let problem = |study: &Study| {
+            let Step::Choice(choice) = study.step(&plan).unwrap() else {
+                return None;
+            };
+            choice.problem.cloned()
         };
         assert_eq!(problem(&study), problem(german));
     }
@@ -184,7 +186,6 @@ fn languages_are_named_first_and_once() {
         "`languages` does not name, did you mean `de`?",
         "`en`, `de`",
     );
-    check("[text.de]", "[text.en]", "text.en", "", "");
 }
 
 #[test]
@@ -239,4 +240,37 @@ fn several_mistakes_are_named_at_once() {
     let errors = Study::check("rain.toml", &text).unwrap_err();
     let keys: Vec<&str> = errors.iter().map(ParseError::key).collect();
     assert_eq!(keys, ["minutes", "text.de.titel", "text.de.sumary"]);
+}
+
+#[test]
+fn the_files_own_language_takes_page_words_alone() {
+    let own = "\n[text.en]\n\"page.start\" = \"Off you go\"\n";
+    let study = Study::parse("rain.toml", &format!("{RAIN}{own}")).unwrap();
+    assert_eq!(study.untranslated(), [""; 0]);
+    let own = "\n[text.en]\n\"title\" = \"Drizzle\"\n";
+    let error = Study::parse("rain.toml", &format!("{RAIN}{own}"))
+        .err()
+        .unwrap();
+    assert_eq!(error.key(), "text.en.title");
+    assert!(
+        error
+            .found()
+            .contains("the language of the file's own texts")
+    );
+    assert_eq!(error.line(), Some(RAIN.lines().count() + 3));
+}
+
+#[test]
+fn every_page_word_is_in_the_document() {
+    let document = include_str!("../../../docs/STUDY-FORMAT.md");
+    let words: toml::Table = include_str!("../../../src/study/words/en.toml")
+        .parse()
+        .unwrap();
+    assert!(words.len() > 60, "{} words", words.len());
+    for key in words.keys() {
+        assert!(
+            document.contains(&format!("`{key}`")),
+            "the document does not name `{key}`"
+        );
+    }
 }
