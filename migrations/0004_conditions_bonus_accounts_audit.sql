@@ -22,6 +22,8 @@ alter table study_in_any_state rename to study;
 alter table population add column screened_out integer not null default 0 check (screened_out >= 0);
 alter table population add column failed_check integer not null default 0 check (failed_check >= 0);
 alter table population add column timed_out integer not null default 0 check (timed_out >= 0);
+-- The data version of the last withdrawal: what was computed from data before it is not stored any more.
+alter table population add column erased_version integer not null default 0;
 
 -- A look at a study that is never counted is one from its link on. The language is the one of the link or the browser.
 alter table arrival add column is_preview integer not null default 0 check (is_preview in (0, 1));
@@ -107,6 +109,46 @@ alter table event_of_any_kind rename to event;
 create unique index event_of_run on event (run_id, key);
 -- Else the foreign key would search the whole table for each event that a withdrawal deletes.
 create index event_repeated on event (repeat_of) where repeat_of is not null;
+
+-- A withdrawal removes the fits that counted the person. An id is never used again, else a reader that knows the old fit
+-- would take the new one for it.
+create table fit_with_own_ids (
+    id integer primary key autoincrement,
+    study_id text not null references study (id),
+    is_simulated integer not null check (is_simulated in (0, 1)),
+    plan text not null,
+    part text not null,
+    model text not null,
+    -- The hash of everything that the result depends on, so that an unchanged part is not fitted again.
+    input_hash text not null,
+    data_version integer not null,
+    version_id integer not null references study_version (id),
+    seed integer not null,
+    program_version text not null,
+    state text not null,
+    -- How many fits of this input there were, this one included: bounds the retries.
+    attempts integer not null check (attempts >= 1),
+    result text,
+    draws blob,
+    message text,
+    created_at_ms integer not null,
+    cpu_ms integer not null check (cpu_ms >= 0),
+    is_provisional integer not null default 0 check (is_provisional in (0, 1)),
+    check ((state = 'failed') = (result is null))
+) strict;
+
+insert into fit_with_own_ids (
+    id, study_id, is_simulated, plan, part, model, input_hash, data_version, version_id, seed, program_version, state,
+    attempts, result, draws, message, created_at_ms, cpu_ms, is_provisional
+)
+select
+    id, study_id, is_simulated, plan, part, model, input_hash, data_version, version_id, seed, program_version, state,
+    attempts, result, draws, message, created_at_ms, cpu_ms, is_provisional
+from fit;
+
+drop table fit;
+alter table fit_with_own_ids rename to fit;
+create index fit_history on fit (study_id, is_simulated, plan, part, model, id);
 
 -- What a finished person is paid beside the fee: one of their choices, drawn after the last answer, is played out.
 create table bonus (

@@ -16,7 +16,7 @@ use crate::{
     chance::Chance,
     clock::Clock,
     jobs::{self, Catalogue, Prepare, StudyFolder, Sweeps},
-    store::{Options, Population, Store, Token},
+    store::{Options, Population, Store, StudyRow, StudyState, Token},
     study,
     web::{self, AppState, Limits, PublicUrl, Replays, Settings},
 };
@@ -77,7 +77,14 @@ pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
     let server = Server::open(&args, Population::People).await?;
     let address = server.listener.local_addr()?;
     let setup_link = setup_link(&server.state).await?;
-    announce(address, &args, &server.state, setup_link.as_ref())?;
+    let studies = server.state.store.studies().await?;
+    announce(
+        address,
+        &args,
+        &server.state.settings,
+        &studies,
+        setup_link.as_ref(),
+    )?;
     server.run(asked_to_stop()?).await
 }
 
@@ -201,7 +208,8 @@ async fn setup_link(state: &AppState) -> anyhow::Result<Option<Token>> {
 fn announce(
     address: SocketAddr,
     args: &ServeArgs,
-    state: &AppState,
+    settings: &Settings,
+    studies: &[StudyRow],
     setup_link: Option<&Token>,
 ) -> anyhow::Result<()> {
     let public_url = args.public_url.as_ref();
@@ -213,14 +221,20 @@ fn announce(
         env!("CARGO_PKG_VERSION")
     )?;
     writeln!(out, "  database      {}", args.database.display())?;
-    for study in state.catalogue.studies() {
-        writeln!(out, "  take part     {url}/s/{}", study.id())?;
-        writeln!(out, "  results       {url}/results/{}", study.id())?;
+    for study in studies {
+        let state = match study.state {
+            StudyState::Open => String::new(),
+            state @ (StudyState::Draft | StudyState::Paused | StudyState::Closed) => {
+                format!("  ({state})")
+            }
+        };
+        writeln!(out, "  take part     {url}/s/{}{state}", study.id)?;
+        writeln!(out, "  results       {url}/results/{}", study.id)?;
     }
     if let Some(link) = setup_link {
         writeln!(out, "  set up        {url}/setup/{link}")?;
     }
-    writeln!(out, "  {}", state.settings.access(setup_link.is_none()))?;
+    writeln!(out, "  {}", settings.access(setup_link.is_none()))?;
     out.flush()?;
     Ok(())
 }

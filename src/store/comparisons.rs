@@ -112,7 +112,7 @@ impl Store {
     }
 }
 
-/// Stores a comparison in place of the plan's earlier one.
+/// Stores a comparison in place of the plan's earlier one; nothing where it counted somebody who has withdrawn since.
 pub(super) async fn save(
     connection: &mut SqliteConnection,
     comparison: &NewComparison,
@@ -124,7 +124,12 @@ pub(super) async fn save(
             study_id, is_simulated, plan, input_hash, data_version, version_id, seed, program_version, result, message,
             created_at_ms, cpu_ms
         )
-        values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+        select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12
+        where not exists (
+            select 1
+            from population
+            where study_id = ?1 and is_simulated = ?2 and erased_version > ?5
+        )
         "#,
     )
     .bind(comparison.study.as_str())

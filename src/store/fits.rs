@@ -313,7 +313,7 @@ pub(super) async fn save(
 ) -> Result<(Vec<FitId>, Vec<Change>), sqlx::Error> {
     let mut ids = Vec::with_capacity(fits.len());
     for fit in fits {
-        ids.push(save_one(connection, fit, at).await?);
+        ids.extend(save_one(connection, fit, at).await?);
     }
     let mut changes = Vec::new();
     for of_study in
@@ -327,20 +327,26 @@ pub(super) async fn save(
     Ok((ids, changes))
 }
 
-/// Stores a fit and drops the oldest ones of its history.
+/// Stores a fit and drops the oldest ones of its history. Nothing is stored of a fit that counted somebody who has
+/// withdrawn since.
 async fn save_one(
     connection: &mut SqliteConnection,
     fit: &NewFit,
     at: Timestamp,
-) -> Result<FitId, sqlx::Error> {
+) -> Result<Option<FitId>, sqlx::Error> {
     let (result, message) = fit.outcome.columns();
-    let id: FitId = sqlx::query_scalar(
+    let id: Option<FitId> = sqlx::query_scalar(
         r#"
         insert into fit (
             study_id, is_simulated, plan, part, model, input_hash, data_version, version_id, seed, program_version,
             state, attempts, is_provisional, result, draws, message, created_at_ms, cpu_ms
         )
-        values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+        select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13, ?14, ?15, ?16, ?17, ?18
+        where not exists (
+            select 1
+            from population
+            where study_id = ?1 and is_simulated = ?2 and erased_version > ?7
+        )
         returning id
         "#,
     )
@@ -363,8 +369,11 @@ async fn save_one(
     .bind(message)
     .bind(at.0)
     .bind(i64::try_from(fit.cpu_ms).unwrap_or(i64::MAX))
-    .fetch_one(&mut *connection)
+    .fetch_optional(&mut *connection)
     .await?;
+    let Some(id) = id else {
+        return Ok(None);
+    };
     sqlx::query(
         r#"
         delete from fit
@@ -431,5 +440,5 @@ async fn save_one(
     .bind(&fit.key.model)
     .execute(&mut *connection)
     .await?;
-    Ok(id)
+    Ok(Some(id))
 }

@@ -548,7 +548,8 @@ impl Store {
             .await
     }
 
-    /// Stores fits together, in one commit; those of one study change its page once.
+    /// Stores fits together, in one commit; those of one study change its page once. Left out are fits that counted
+    /// somebody who has withdrawn since.
     ///
     /// # Errors
     /// When the database fails.

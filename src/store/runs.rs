@@ -347,6 +347,38 @@ impl Store {
         Ok(StoredCount { steps, answers })
     }
 
+    /// The recruiting parameters, as they are stored, with which somebody last came to a run before it ended. Whoever gave
+    /// a task back and accepted it again goes on with the same run under another assignment, and that is the one to name.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn recruiting_parameters(
+        &self,
+        run: RunId,
+    ) -> Result<BTreeMap<String, String>, Error> {
+        let found: Option<String> = sqlx::query_scalar(
+            r#"
+            select arrival.recruiting
+            from arrival
+            join run on run.id = arrival.run_id
+            where arrival.run_id = ?
+            and arrival.recruiting is not null
+            and arrival.created_at_ms <= ifnull(run.finished_at_ms, arrival.created_at_ms)
+            order by arrival.created_at_ms desc
+            limit 1
+            "#,
+        )
+        .bind(run)
+        .fetch_optional(&self.pool)
+        .await?;
+        found.map_or_else(
+            || Ok(BTreeMap::new()),
+            |found| {
+                serde_json::from_str(&found).map_err(|err| sqlx::Error::Decode(err.into()).into())
+            },
+        )
+    }
+
     /// How many people are under way or have completed, by condition, in the order of the conditions' ids.
     ///
     /// # Errors

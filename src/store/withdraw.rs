@@ -1,4 +1,4 @@
-//! Withdrawal: the one thing that removes what a person gave.
+//! Withdrawal: the one thing that removes what a person gave, and what was computed from it.
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -30,6 +30,12 @@ pub(super) async fn erase(
     // Taken before anything is deleted, so that ids never go backwards.
     let event = load::next_ids(connection).await?.event;
     subtract_counts(connection, run).await?;
+    let was_counted: bool = sqlx::query_scalar(
+        "select exists (select 1 from answer where run_id = ? and is_counted = 1)",
+    )
+    .bind(run)
+    .fetch_one(&mut *connection)
+    .await?;
     let answers = sqlx::query("delete from answer where run_id = ?")
         .bind(run)
         .execute(&mut *connection)
@@ -89,7 +95,8 @@ pub(super) async fn erase(
             timed_out = timed_out - (?2 = 'timed_out'),
             withdrawn = withdrawn + 1,
             data_version = data_version + 1,
-            page_version = page_version + 1
+            page_version = page_version + 1,
+            erased_version = iif(?3, data_version + 1, erased_version)
         from run
         where run.id = ?1
         and population.study_id = run.study_id
@@ -99,9 +106,29 @@ pub(super) async fn erase(
     )
     .bind(run)
     .bind(&state)
-    .fetch_all(connection)
+    .bind(was_counted)
+    .fetch_all(&mut *connection)
     .await?;
+    if was_counted {
+        forget_results(connection, run).await?;
+    }
     Ok(changed.into_iter().map(Change::from).collect())
+}
+
+/// Removes everything that was computed from the study's answers, since the person's were among them. It is computed
+/// again without them. That a rule for stopping was reached stays, because it was announced and names nobody.
+async fn forget_results(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
+    for statement in [
+        "delete from fit where (study_id, is_simulated) = (select study_id, is_simulated from run where id = ?)",
+        "delete from comparison where (study_id, is_simulated) = (select study_id, is_simulated from run where id = ?)",
+        "delete from checkpoint where (study_id, is_simulated) = (select study_id, is_simulated from run where id = ?)",
+    ] {
+        sqlx::query(statement)
+            .bind(run)
+            .execute(&mut *connection)
+            .await?;
+    }
+    Ok(())
 }
 
 /// Erases links and recruiting ids of the runs of a study that are over or began before `before`. Returns how many had

@@ -7,7 +7,7 @@ use super::step::{
 };
 use super::{
     Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, LevelId,
-    PaperFigure, ParseError, Recruiting, Sequential, StudyId, Words, parse,
+    PaperFigure, ParseError, Recruiting, RedirectTarget, Sequential, StudyId, Words, parse,
 };
 use crate::model::ChoiceModel;
 
@@ -349,6 +349,18 @@ pub enum Ending {
     TimedOut,
 }
 
+impl Ending {
+    /// The name in study files and in what a platform is told.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Completed => "completed",
+            Self::ScreenedOut => "screened_out",
+            Self::FailedCheck => "failed_check",
+            Self::TimedOut => "timed_out",
+        }
+    }
+}
+
 /// The page of each ending.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Endings {
@@ -367,16 +379,8 @@ pub struct EndingPage {
     pub text_html: String,
     /// The code that tells a recruiting platform how the run ended.
     pub code: CompletionCode,
-    pub(super) redirect: Option<String>,
-}
-
-impl EndingPage {
-    /// Where a person with this code is sent, if the study sends people anywhere: an `https` address.
-    pub fn redirect_url(&self, code: &str) -> Option<String> {
-        self.redirect
-            .as_ref()
-            .map(|url| url.replace("{code}", code))
-    }
+    /// Where people are sent from it, if the study sends them anywhere.
+    pub redirect: Option<RedirectTarget>,
 }
 
 /// Where codes come from.

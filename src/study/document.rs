@@ -168,6 +168,32 @@ impl<'t> Document<'t> {
         self.value_at(path).is_some()
     }
 
+    /// Reads the whole file as a `T`, leaving out the keys at the top that cannot be read: each is one of the errors.
+    /// Nothing is read where a required one is missing or faulty.
+    pub(super) fn read_in_part<T: DeserializeOwned>(&self) -> (Option<T>, Vec<ParseError>) {
+        let mut table = self.root.get_ref().clone();
+        let mut errors = Vec::new();
+        loop {
+            let root = Spanned::new(self.root.span(), DeValue::Table(table.clone()));
+            let error = match T::deserialize(ValueDeserializer::from(root)) {
+                Ok(read) => return (Some(read), errors),
+                Err(error) => error,
+            };
+            let path = error.span().map(|span| self.path_at(&span));
+            let is_left_out = match path.as_ref().and_then(|path| path.0.first()) {
+                Some(Segment::Key(key)) => table.remove(key.as_str()).is_some(),
+                Some(Segment::Index(_)) | None => false,
+            };
+            // A key that is missing because it was left out was told already.
+            if is_left_out || errors.is_empty() {
+                errors.push(self.refuse_type(&error));
+            }
+            if !is_left_out {
+                return (None, errors);
+            }
+        }
+    }
+
     /// The text of the key `name` in the table at `path`.
     pub(super) fn text_at(&self, path: &KeyPath) -> Option<&str> {
         self.value_at(path)?.as_str()

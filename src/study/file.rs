@@ -364,6 +364,8 @@ pub(super) struct RawRecruiting {
 pub(super) struct RawMturk {
     #[serde(default)]
     pub(super) frame: bool,
+    #[serde(default)]
+    pub(super) sites: Vec<String>,
 }
 
 #[derive(Debug, Clone, Copy, Default, Deserialize)]

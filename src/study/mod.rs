@@ -62,7 +62,9 @@ pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
-pub use recruiting::{Device, NotAdmitted, Recruiting, RecruitingIds};
+pub use recruiting::{
+    Device, LinkParameter, Mturk, NotAdmitted, NotMturk, Recruiting, RecruitingIds, RedirectTarget,
+};
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};

@@ -1,9 +1,18 @@
 //! Who is taken in, when, and for how long. Nothing here reads a clock: the time is an argument.
 
+mod link;
+pub(super) mod mturk;
+pub(super) mod redirect;
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+pub use self::{
+    link::LinkParameter,
+    mturk::{Mturk, NotMturk},
+    redirect::RedirectTarget,
+};
 use super::Timestamp;
 
 /// A kind of device, as far as a study can ask for one.
@@ -40,7 +49,7 @@ impl Device {
 /// How the ids that recruiting platforms send are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RecruitingIds {
-    /// Under a keyed hash.
+    /// Under a keyed hash, except what [`LinkParameter::is_plain`] names.
     Hashed,
     /// As they are.
     Plain,
@@ -65,8 +74,8 @@ pub struct Recruiting {
     pub retention: Option<Timestamp>,
     /// What the recruiting platform was told to require, for reports.
     pub filters: Vec<String>,
-    /// Whether MTurk may show the study in its frame.
-    pub mturk_frame: bool,
+    /// What is said of MTurk.
+    pub mturk: Mturk,
 }
 
 /// Why somebody cannot start, though the study takes people in.
@@ -143,7 +152,7 @@ mod tests {
             time_limit_ms: None,
             retention: None,
             filters: Vec::new(),
-            mturk_frame: false,
+            mturk: Mturk::default(),
         }
     }
 

@@ -1,6 +1,7 @@
 // Debian's Chromium, and pages that record what must never happen.
 import { execFileSync } from "node:child_process";
-import { mkdir } from "node:fs/promises";
+import { mkdir, mkdtemp, rm, writeFile } from "node:fs/promises";
+import { tmpdir } from "node:os";
 import path from "node:path";
 import { chromium } from "playwright-core";
 
@@ -9,12 +10,30 @@ export const desktop = { width: 1280, height: 800 };
 
 const shots = path.resolve(import.meta.dirname, "../../test-output");
 
-export function launch() {
-  return chromium.launch({
+function options() {
+  return {
     executablePath: execFileSync("which", ["chromium"], { encoding: "utf8" }).trim(),
     args: ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
       "--disable-background-networking", "--disable-component-update", "--disable-sync"],
-  });
+  };
+}
+
+export function launch() {
+  return chromium.launch(options());
+}
+
+/** A browser of its own whose settings block all cookies, and with them the storage of pages. */
+export async function launchWithoutCookies(settings) {
+  const profile = await mkdtemp(path.join(tmpdir(), "riskaware-profile-"));
+  await mkdir(path.join(profile, "Default"));
+  const preferences = { profile: { default_content_setting_values: { cookies: 2 } } };
+  await writeFile(path.join(profile, "Default/Preferences"), JSON.stringify(preferences));
+  const context = await chromium.launchPersistentContext(profile, { ...options(), ...settings });
+  const close = async () => {
+    await context.close();
+    await rm(profile, { recursive: true });
+  };
+  return { context, close };
 }
 
 /** A page whose `faults` collects script errors and violations of the content security policy. */

@@ -8,6 +8,9 @@ import { createInterface } from "node:readline";
 const root = path.resolve(import.meta.dirname, "../..");
 const target = process.env.CARGO_TARGET_DIR ?? path.join(root, "target");
 
+/** The program as the tests build it. */
+export const program = path.join(target, "debug/riskaware");
+
 export class Server {
   /** @param {string[]} args more arguments for `serve` */
   static async start(args = []) {
@@ -24,7 +27,7 @@ export class Server {
 
   async run(port = 0) {
     this.process = spawn(
-      path.join(target, "debug/riskaware"),
+      program,
       ["serve", "--listen", `127.0.0.1:${port}`, "--database", this.database, ...this.args],
       { stdio: ["ignore", "pipe", "inherit"], env: { ...process.env, RISKAWARE_LOG: "warn" } },
     );

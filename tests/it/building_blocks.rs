@@ -1,13 +1,19 @@
 //! Building blocks beyond the built-in studies', over HTTP and without scripts: clauses, screening, comprehension checks,
 //! scales, several options, more actions and outcomes than two, endings with codes, and the bonus.
 
+use std::sync::Arc;
+
 use reqwest::StatusCode;
 use riskaware::{
     clock::Clock,
+    jobs::{Catalogue, PartState, Snapshot},
     store::{AnalysisSet, Population, RunId, RunState},
 };
 
-use crate::app::{App, Page, Participant, START};
+use crate::{
+    app::{App, Page, Participant, START},
+    crowd::{Background, until},
+};
 
 const STUDY: &str = r#"
 format = 1
@@ -307,16 +313,36 @@ async fn a_form_that_is_sent_back_keeps_what_was_typed() {
     nothing_disagrees(app).await;
 }
 
-#[tokio::test]
-async fn four_actions_with_five_outcomes_are_counted_summarised_and_exported() {
+#[tokio::test(flavor = "multi_thread")]
+async fn four_actions_with_five_outcomes_are_counted_fitted_and_exported() {
     let app = app().await;
     for action in ["a", "b", "c", "d"] {
         completes(&app, action).await;
     }
+    let catalogue = Arc::new(Catalogue::stored(&app.store).await.unwrap());
+    let study = "blocks".into();
+    let _background = Background::start(&app.store, &catalogue);
+    until(&app.store, async || {
+        let snapshot = Snapshot::read(&app.store, &catalogue, Population::People, &study);
+        let snapshot = snapshot.await.unwrap().unwrap();
+        let mut fits = snapshot.fits.iter();
+        fits.all(|part| part.state == PartState::Converged && !part.is_behind)
+    })
+    .await;
     let summary = app.get("/api/v1/studies/blocks/summary").await;
     let summary: serde_json::Value = serde_json::from_str(&summary.html).unwrap();
-    assert_eq!(summary["cells"][0]["n"], 4);
-    assert_eq!(summary["cells"][0]["actions"].as_array().unwrap().len(), 4);
+    let cell = &summary["cells"][0];
+    assert_eq!(cell["n"], 4);
+    assert_eq!(cell["actions"].as_array().unwrap().len(), 4);
+    for model in ["noisy_rational", "risk_aware"] {
+        let predicted = cell["predicted"][model].as_object().unwrap();
+        assert_eq!(predicted.len(), 4, "{model}");
+        let total: f64 = predicted
+            .values()
+            .map(|share| share["mean"].as_f64().unwrap())
+            .sum();
+        assert!((total - 1.0).abs() < 1e-9, "{model}: {total}");
+    }
     let results = app.get("/results/blocks").await;
     assert_eq!(results.status, StatusCode::OK);
     let csv = app.get("/api/v1/studies/blocks/answers.csv").await;
@@ -402,6 +428,46 @@ async fn forms_are_stored_raw_with_what_became_of_the_check() {
         form_answer(&app, "about", "fears").await,
         [(Some("2".to_owned()), 1)]
     );
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
+async fn the_wide_table_has_a_column_per_option_and_item_and_scores_reversed_ones() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &WRONG).await;
+    fills(&mut person, &RIGHT).await;
+    fills(&mut person, &[("action", "b")]).await;
+    fills(&mut person, &[("dares", "5"), ("fears", "2")]).await;
+    app.participant_of("/s/blocks").await;
+
+    let csv = app.get("/api/v1/studies/blocks/export/wide.csv").await.html;
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let header = reader.headers().unwrap().clone();
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let cells = |name: &str| {
+        let column = header.iter().position(|column| column == name);
+        let column = column.unwrap_or_else(|| panic!("no column {name} in {header:?}"));
+        [&rows[0][column], &rows[1][column]]
+    };
+    for (name, expected) in [
+        ("consent.adult", ["true", ""]),
+        ("consent.archive", ["false", ""]),
+        ("check.passed", ["true", ""]),
+        ("check.attempts", ["2", ""]),
+        ("check.light", ["red", ""]),
+        ("check.cars.x", ["true", ""]),
+        ("check.cars.y", ["false", ""]),
+        ("check.cars.z", ["true", ""]),
+        ("about.dares", ["5", ""]),
+        ("about.fears", ["2", ""]),
+        ("about.fears.score", ["4", ""]),
+        ("about.height", ["", ""]),
+        ("about.status", ["answered", "not_shown"]),
+    ] {
+        assert_eq!(cells(name), expected, "{name}");
+    }
+    assert!(!header.iter().any(|name| name == "about.dares.score"));
     nothing_disagrees(app).await;
 }
 

@@ -413,5 +413,5 @@ mturk = { frame = true }
     assert_eq!(recruiting.devices, [Device::Phone, Device::Desktop]);
     assert_eq!(recruiting.filters, ["Lives in the United States"]);
     assert_eq!(recruiting.time_limit_ms, Some(30 * 60_000));
-    assert!(recruiting.mturk_frame);
+    assert!(recruiting.mturk.frame);
 }

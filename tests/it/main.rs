@@ -24,6 +24,7 @@ mod languages;
 mod predict;
 mod program;
 mod recover;
+mod recruiting;
 mod refit;
 mod results;
 mod results_reading;

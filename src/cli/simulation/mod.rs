@@ -1,5 +1,6 @@
 //! Simulated people, who take a study through the same pages as everybody else.
 
+mod form;
 mod page;
 mod person;
 

@@ -1,7 +1,8 @@
 //! Reads the one form of a participant page.
 //!
-//! These are the server's own pages, so the reader knows their habits: attributes in double quotes, one form, text
-//! inputs, radio buttons and submit buttons. A parser for all of HTML would only slow down a load generator.
+//! These are the server's own pages, so the reader knows their habits: attributes in double quotes, one form, submit
+//! buttons, and the block by which the study knows a form's fields. A parser for all of HTML would only slow down a load
+//! generator.
 
 use crate::study::step::ConsentStep;
 
@@ -16,18 +17,18 @@ pub(super) struct Page {
     pub hidden: Vec<(String, String)>,
     /// Submit buttons: name and value.
     pub buttons: Vec<(String, String)>,
-    /// Radio buttons: name and value.
-    pub options: Vec<(String, String)>,
+    /// The block of a form with fields.
+    pub form: Option<String>,
     /// Clauses of a consent: name and value.
     pub clauses: Vec<(String, String)>,
-    /// Whether the completion code stands on it.
+    /// Whether it is the last one.
     pub is_finished: bool,
 }
 
 impl Page {
     pub(super) fn read(html: &str) -> Self {
         let mut page = Self {
-            is_finished: html.contains("class=\"completion__code\""),
+            is_finished: html.contains("data-part=\"ending\""),
             ..Self::default()
         };
         for tag in html
@@ -44,13 +45,15 @@ impl Page {
             match tag.split_whitespace().next() {
                 Some("form") => {
                     page.action = attribute(tag, "action");
-                    page.question =
-                        attribute(tag, "data-block").zip(attribute(tag, "data-question"));
+                    let block = attribute(tag, "data-block");
+                    match attribute(tag, "data-question") {
+                        Some(question) => page.question = block.zip(Some(question)),
+                        None => page.form = block,
+                    }
                 }
                 Some("button") => page.buttons.extend(named()),
                 Some("input") => match attribute(tag, "type").as_deref() {
                     Some("hidden") => page.hidden.extend(named()),
-                    Some("radio") => page.options.extend(named()),
                     Some("checkbox") => {
                         let is_clause = |(name, _): &(String, String)| name == ConsentStep::CLAUSE;
                         page.clauses.extend(named().filter(is_clause));
@@ -96,7 +99,7 @@ mod tests {
 
     #[test]
     fn a_page_without_a_form_asks_nothing() {
-        let page = Page::read(r#"<p class="completion__code">ABC</p>"#);
+        let page = Page::read(r#"<h1 data-part="ending">Thank you</h1>"#);
         assert_eq!(
             page,
             Page {

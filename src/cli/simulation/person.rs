@@ -8,7 +8,7 @@ use std::{
 use rand::{Rng, RngExt};
 use reqwest::{Client, Response, StatusCode, header};
 
-use super::page::Page;
+use super::{form::fill_in, page::Page};
 use crate::{
     model::{self, ChoiceError, ChoiceProblem, Parameters, RiskAwareOptions},
     study::{BlockId, QuestionId, Step, StepData, StepError, StepKind, StepPlan, Study},
@@ -110,21 +110,11 @@ impl<R: Rng> Person<R> {
             None => fields.extend(page.buttons.into_iter().next()),
         }
         fields.extend(page.clauses);
-        let mut options = page.options;
-        while let Some((name, _)) = options.first().cloned() {
-            let (these, others): (Vec<_>, Vec<_>) =
-                options.into_iter().partition(|(other, _)| *other == name);
-            // Whoever picks "other" would have to write something.
-            let these: Vec<_> = these
-                .into_iter()
-                .filter(|(_, value)| value != "other")
-                .collect();
-            fields.extend(
-                these
-                    .get(self.rng.random_range(0..these.len().max(1)))
-                    .cloned(),
-            );
-            options = others;
+        if let Some(block) = page.form {
+            let asked = plan(StepKind::Form, block.into(), None);
+            if let Step::Form(form) = self.study.step(&asked)? {
+                fields.extend(fill_in(form.fields, &mut self.rng));
+            }
         }
         Ok(fields)
     }
@@ -135,13 +125,7 @@ impl<R: Rng> Person<R> {
         question: QuestionId,
         names: &[String],
     ) -> Result<String, PersonError> {
-        let asked = StepPlan {
-            kind: StepKind::Choice,
-            block,
-            question: Some(question),
-            limit_ms: None,
-            data: StepData::default(),
-        };
+        let asked = plan(StepKind::Choice, block, Some(question));
         if let Step::Choice(choice) = self.study.step(&asked)?
             && let Some(problem) = choice.problem
         {
@@ -155,6 +139,17 @@ impl<R: Rng> Person<R> {
         // Nothing is known that the model could weigh.
         let toss = self.rng.random_range(0..names.len().max(1));
         Ok(names.get(toss).cloned().unwrap_or_default())
+    }
+}
+
+/// A step as a page names it.
+fn plan(kind: StepKind, block: BlockId, question: Option<QuestionId>) -> StepPlan {
+    StepPlan {
+        kind,
+        block,
+        question,
+        limit_ms: None,
+        data: StepData::default(),
     }
 }
 

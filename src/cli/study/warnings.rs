@@ -3,7 +3,7 @@
 use crate::{
     inference::design_note,
     model::{ChoiceProblem, Outcome},
-    study::{CompletionCode, RecruitingIds, StepKind, Study},
+    study::{CompletionCode, RecruitingIds, RedirectTarget, StepKind, Study},
 };
 
 /// Expected rewards that differ by less than this share of the problem's range are nearly equal. (decision)
@@ -20,6 +20,7 @@ pub(super) fn of(study: &Study) -> Vec<String> {
     warnings.extend(languages(study));
     warnings.extend(duration(study));
     warnings.extend(payment(study));
+    warnings.extend(sites(study));
     warnings
 }
 
@@ -176,8 +177,9 @@ fn texts(study: &Study) -> Vec<String> {
     if study.completion().text_html.trim().is_empty() {
         warnings.push("completion.text: it is empty".to_owned());
     }
+    let redirect = study.completion().redirect.as_ref();
     if study.completion().code == CompletionCode::PerRun
-        && study.completion().redirect_url("").is_some()
+        && redirect.is_some_and(RedirectTarget::names_code)
     {
         warnings.push(
             "completion: a redirect without a fixed `code`; recruiting sites know only codes that they were told"
@@ -227,5 +229,15 @@ fn payment(study: &Study) -> Option<String> {
     cannot_pay.then(|| {
         "bonus: ids of the recruiting site are stored under a keyed hash, so that nobody can be paid by them; `recruiting.ids = \"plain\"` keeps them"
             .to_owned()
+    })
+}
+
+fn sites(study: &Study) -> Option<String> {
+    let sites = &study.recruiting().mturk.sites;
+    (!sites.is_empty()).then(|| {
+        format!(
+            "recruiting.mturk.sites: {} can do what MTurk can; take it out before you recruit",
+            sites.join(", ")
+        )
     })
 }

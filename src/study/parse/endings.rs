@@ -2,12 +2,15 @@
 
 use super::rules;
 use crate::study::definition::Endings;
-use crate::study::document::{Fault, KeyPath};
+use crate::study::document::{Fault, KeyPath, list};
 use crate::study::file::{RawBonus, RawCompletion, RawEnding};
 use crate::study::markup;
+use crate::study::recruiting::redirect::RedirectFault;
 use crate::study::template::Scope;
 use crate::study::words::Words;
-use crate::study::{Bonus, CompletionCode, EndingPage};
+use crate::study::{
+    Bonus, CompletionCode, EndingPage, LinkParameter, RecruitingIds, RedirectTarget,
+};
 
 /// The largest rate and endowment.
 const LARGEST_MONEY: f64 = 1e6;
@@ -15,6 +18,7 @@ const LARGEST_MONEY: f64 = 1e6;
 /// Reads `[completion]` with the tables in it.
 pub(super) fn read(
     raw: &RawCompletion,
+    ids: RecruitingIds,
     scope: &Scope<'_>,
     words: &Words,
 ) -> Result<Endings, Fault> {
@@ -23,17 +27,16 @@ pub(super) fn read(
         Some(code) => CompletionCode::Fixed(rules::code(code, &at.key("code"))?),
         None => CompletionCode::PerRun,
     };
-    if let Some(address) = &raw.redirect {
-        rules::redirect(address, &at.key("redirect"))?;
-    }
     let completed = EndingPage {
         title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
         text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
         code,
-        redirect: raw.redirect.clone(),
+        redirect: redirect(raw.redirect.as_deref(), ids, &at)?,
     };
     let other = |key: &str, raw: &RawEnding, title: &str, text: &str| {
-        ending(raw, (title, text), &completed.code, scope, &at.key(key))
+        let at = at.key(key);
+        let redirect = redirect(raw.redirect.as_deref(), ids, &at)?;
+        ending(raw, redirect, (title, text), &completed.code, scope, &at)
     };
     Ok(Endings {
         screened_out: other(
@@ -61,6 +64,7 @@ pub(super) fn read(
 /// An ending before the last step. It has a code only if the file gives one: nobody is paid by mistake.
 fn ending(
     raw: &RawEnding,
+    redirect: Option<RedirectTarget>,
     (title, text): (&str, &str),
     completion: &CompletionCode,
     scope: &Scope<'_>,
@@ -79,12 +83,10 @@ fn ending(
         }
         None => CompletionCode::Absent,
     };
-    if let Some(address) = &raw.redirect {
-        rules::redirect(address, &at.key("redirect"))?;
-        if address.contains("{code}") && code == CompletionCode::Absent {
-            let allowed = "an address without `{code}`, or a `code` beside it";
-            return Err(at.key("redirect").fault("`{code}` without a code", allowed));
-        }
+    let names_code = redirect.as_ref().is_some_and(RedirectTarget::names_code);
+    if names_code && code == CompletionCode::Absent {
+        let allowed = "an address without `{code}`, or a `code` beside it";
+        return Err(at.key("redirect").fault("`{code}` without a code", allowed));
     }
     Ok(EndingPage {
         title: match &raw.title {
@@ -96,8 +98,42 @@ fn ending(
             None => markup::to_html(text),
         },
         code,
-        redirect: raw.redirect.clone(),
+        redirect,
     })
+}
+
+/// The address that people are sent to from an ending, whose table stands `at`.
+fn redirect(
+    address: Option<&str>,
+    ids: RecruitingIds,
+    at: &KeyPath,
+) -> Result<Option<RedirectTarget>, Fault> {
+    let at = at.key("redirect");
+    let Some(address) = address else {
+        return Ok(None);
+    };
+    let parameters = |is_named: &dyn Fn(LinkParameter) -> bool| {
+        let named = LinkParameter::ALL.into_iter().filter(|one| is_named(*one));
+        list(named.map(|one| format!("{{{}}}", one.name())))
+    };
+    let target = RedirectTarget::parse(address, ids).map_err(|fault| match fault {
+        RedirectFault::Address => at.fault(
+            rules::shown(address),
+            "an address that starts with https://, with placeholders such as `{code}` only after the host",
+        ),
+        RedirectFault::Unknown(name) => at.fault(
+            format!("`{{{name}}}`"),
+            format!("`{{code}}`, {}", parameters(&|_| true)),
+        ),
+        RedirectFault::Hashed(parameter) => at.fault(
+            format!("`{{{}}}`, which is stored under a keyed hash", parameter.name()),
+            format!(
+                "`recruiting.ids = \"plain\"`, or none but `{{code}}`, {}",
+                parameters(&|one| one.is_plain(ids))
+            ),
+        ),
+    })?;
+    Ok(Some(target))
 }
 
 /// Reads `[bonus]`.

@@ -43,8 +43,8 @@ const LONGEST_MINUTES: u32 = 600;
 ///
 /// # Errors
 /// One error or more. What is wrong with one part (the head, an ending, a block, the analysis) hides nothing of the
-/// others; of each part the first error is named. Keys and values that are not of the kind that belongs there come
-/// first and hide what goes beyond one key.
+/// others; of each part the first error is named. Where a key that every study needs cannot be read, only what is wrong
+/// with other keys and values is told.
 pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError>> {
     let one = |error: ParseError| vec![error];
     let document = Document::parse(file_name, text).map_err(one)?;
@@ -93,14 +93,12 @@ fn in_language(
 ) -> Result<Study, Vec<ParseError>> {
     let one = |error: ParseError| vec![error];
     let words = Words::new(&language.tag, &language.words);
-    let raw: RawStudy = match document.read() {
-        Ok(raw) => raw,
-        Err(error) => return Err([vec![error], blocks::unreadable(document)].concat()),
+    let (raw, mut errors) = document.read_in_part::<RawStudy>();
+    let Some(raw) = raw else {
+        errors.extend(blocks::unreadable(document));
+        return Err(errors);
     };
-    let mut errors: Vec<ParseError> = head_faults(&raw)
-        .iter()
-        .map(|fault| document.refuse(fault))
-        .collect();
+    errors.extend(head_faults(&raw).iter().map(|fault| document.refuse(fault)));
     let general = general_values(&raw);
     let design = match Design::read(&raw, &general) {
         Ok(design) => design,
@@ -112,7 +110,12 @@ fn in_language(
     };
     let scope = design.scope();
     let endings = keep(
-        endings::read(&raw.completion, &scope, &words),
+        endings::read(
+            &raw.completion,
+            recruiting::ids(&raw.recruiting),
+            &scope,
+            &words,
+        ),
         document,
         &mut errors,
     );

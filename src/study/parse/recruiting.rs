@@ -5,8 +5,9 @@ use jiff::tz::TimeZone;
 
 use super::rules;
 use crate::study::document::{Fault, KeyPath};
-use crate::study::file::{RawIds, RawRecruiting};
-use crate::study::{Recruiting, RecruitingIds, Timestamp};
+use crate::study::file::{RawIds, RawMturk, RawRecruiting};
+use crate::study::recruiting::mturk;
+use crate::study::{Mturk, Recruiting, RecruitingIds, Timestamp};
 
 const MOST_PEOPLE: u32 = 1_000_000;
 /// A week.
@@ -67,10 +68,7 @@ pub(super) fn read(
         rules::line(filter, &path.key("filters").index(index))?;
     }
     Ok(Recruiting {
-        ids: match raw.ids {
-            RawIds::Hashed => RecruitingIds::Hashed,
-            RawIds::Plain => RecruitingIds::Plain,
-        },
+        ids: ids(raw),
         quota: raw.quota,
         opens,
         closes,
@@ -79,7 +77,31 @@ pub(super) fn read(
             .map(|minutes| i64::from(minutes) * 60_000),
         retention,
         filters: raw.filters.clone(),
-        mturk_frame: raw.mturk.frame,
+        mturk: read_mturk(&raw.mturk, &path.key("mturk"))?,
+    })
+}
+
+/// How ids of recruiting platforms are stored.
+pub(super) fn ids(raw: &RawRecruiting) -> RecruitingIds {
+    match raw.ids {
+        RawIds::Hashed => RecruitingIds::Hashed,
+        RawIds::Plain => RecruitingIds::Plain,
+    }
+}
+
+fn read_mturk(raw: &RawMturk, path: &KeyPath) -> Result<Mturk, Fault> {
+    for (index, site) in raw.sites.iter().enumerate() {
+        if !mturk::is_site(site) {
+            let allowed = "https:// with a host in small letters, or http:// with localhost or 127.0.0.1, a port if needed, and nothing behind it";
+            return Err(path
+                .key("sites")
+                .index(index)
+                .fault(rules::shown(site), allowed));
+        }
+    }
+    Ok(Mturk {
+        frame: raw.frame,
+        sites: raw.sites.clone(),
     })
 }
 

@@ -107,24 +107,6 @@ pub(super) fn code(text: &str, at: &KeyPath) -> Result<String, Fault> {
     }
 }
 
-/// The address that people are sent to at the end.
-pub(super) fn redirect(address: &str, at: &KeyPath) -> Result<(), Fault> {
-    let host = address
-        .strip_prefix("https://")
-        .map(|rest| rest.split(['/', '?', '#']).next().unwrap_or(""));
-    let is_plain = address
-        .replace("{code}", "")
-        .bytes()
-        .all(|byte| byte.is_ascii_graphic() && !b"{}\"<>\\^`|".contains(&byte));
-    match host {
-        Some(host) if is_plain && !host.is_empty() && !host.contains(['@', '{']) => Ok(()),
-        Some(_) | None => Err(at.fault(
-            shown(address),
-            "an address that starts with https://, with no placeholder but `{code}` after the host",
-        )),
-    }
-}
-
 /// A text in messages.
 pub(super) fn shown(text: &str) -> String {
     const LONGEST: usize = 60;

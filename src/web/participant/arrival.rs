@@ -9,15 +9,15 @@ use axum::{
 };
 
 use super::{
-    Looking, device, language,
-    pages::{LandingPage, NotePage, OtherLanguage},
+    Looking, device, framed, language,
+    pages::{Door, LandingPage, NotePage},
     recruiting,
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{self, NewArrival, NewRun, Store, Token, draw_run},
-    study::{NotAdmitted, RecruitingIds, Study, StudyId, TimeFactor, Words},
+    store::{self, NewArrival, NewRun, Store, StudyState, Token, draw_run},
+    study::{LinkParameter, NotAdmitted, Study, StudyId, TimeFactor, Words},
     web::{Error, Settings},
 };
 
@@ -33,23 +33,69 @@ pub(super) async fn arrive(
     headers: HeaderMap,
     Query(query): Query<BTreeMap<String, String>>,
 ) -> Result<Response, Error> {
-    let mut arrival = recruiting::read(&query)?;
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    arrival.refusal = refusal(&store, &served, &headers);
-    arrival.language = language::choose(served.languages(), asked_for(&query), &headers);
-    let words = in_language(&served, arrival.language.as_deref()).words();
-    match served.recruiting().ids {
-        RecruitingIds::Plain => {}
-        RecruitingIds::Hashed => {
-            for (parameter, value) in &mut arrival.recruiting {
-                *value = store.recruiting_id(&study, parameter, value);
-            }
+    let refusal = refusal(&store, &served, &headers);
+    let language = language::choose(served.languages(), asked_for(&query), &headers);
+    let words = in_language(&served, language.as_deref()).words();
+    let answer = match recruiting::read(&query, &served.recruiting().mturk) {
+        Err(refused) => Err(refused),
+        Ok(arrival) if recruiting::is_look(&arrival) => {
+            let page = look(&store, &served, language.as_deref(), refusal).await;
+            page.map(IntoResponse::into_response)
+                .or_else(|error| not_now(error, words))
+        }
+        Ok(arrival) => {
+            let arrival = NewArrival {
+                refusal,
+                language,
+                ..arrival
+            };
+            let token = Token::random(&mut chance.fork());
+            let noted = note(&store, &served, &token, arrival).await;
+            noted
+                .map(IntoResponse::into_response)
+                .or_else(|error| not_now(error, words))
+        }
+    };
+    Ok(framed(&served, answer))
+}
+
+/// Stores an arrival, and leads on.
+async fn note(
+    store: &Store,
+    study: &Study,
+    token: &Token,
+    mut arrival: NewArrival,
+) -> Result<Redirect, store::Error> {
+    let (id, ids) = (study.id(), study.recruiting().ids);
+    for parameter in LinkParameter::ALL {
+        let value = arrival.recruiting.get_mut(parameter.name());
+        if let Some(value) = value.filter(|_| !parameter.is_plain(ids)) {
+            *value = store.recruiting_id(id, parameter.name(), value);
         }
     }
-    let token = Token::random(&mut chance.fork());
-    match store.arrive(&token, &study, arrival).await {
-        Ok(()) => Ok(Redirect::to(&format!("/s/{study}/a/{token}")).into_response()),
-        Err(error) => not_now(error, words),
+    store.arrive(token, id, arrival).await?;
+    Ok(Redirect::to(&format!("/s/{id}/a/{token}")))
+}
+
+/// What somebody is shown who looks at the task on MTurk and has not accepted it. Nothing is stored of it.
+async fn look(
+    store: &Store,
+    study: &Study,
+    language: Option<&str>,
+    refusal: Option<NotAdmitted>,
+) -> Result<LandingPage, store::Error> {
+    let studies = store.studies().await?;
+    let state = studies.iter().find(|row| row.id == *study.id());
+    if state.is_none_or(|row| row.state != StudyState::Open) {
+        return Err(store::Error::Closed {
+            study: study.id().to_string(),
+            state: state.map_or(StudyState::Closed, |row| row.state).as_str(),
+        });
+    }
+    match refusal {
+        Some(reason) => Err(store::Error::NotAdmitted(reason)),
+        None => Ok(LandingPage::of(study, language, Door::AcceptFirst)),
     }
 }
 
@@ -79,35 +125,32 @@ pub(super) async fn landing(
     State(catalogue): State<Arc<Catalogue>>,
     Path((study, token)): Path<(StudyId, String)>,
     Query(query): Query<BTreeMap<String, String>>,
-) -> Result<LandingPage, Error> {
-    let token = read_token(&token)?;
+) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let language = chosen(&served, &query);
+    let page = landed(&store, &served, &token, language).await;
+    Ok(framed(&served, page))
+}
+
+async fn landed(
+    store: &Store,
+    study: &Study,
+    token: &str,
+    language: Option<String>,
+) -> Result<LandingPage, Error> {
+    let token = read_token(token)?;
     let arrival = store.arrival(&token).await?;
-    if arrival.study != study {
+    if arrival.study != *study.id() {
         return Err(Error::NotFound("link"));
     }
-    let language = chosen(served.languages(), &query).or(arrival.language.clone());
-    let is_other = language != arrival.language;
-    let shown = in_language(&served, language.as_deref());
-    let others = served.languages().iter();
-    let others = others
-        .filter(|tag| *tag != shown.language())
-        .map(|tag| OtherLanguage {
-            tag: tag.clone(),
-            name: served.in_language(tag).words().language_name.clone(),
-        })
-        .collect();
-    Ok(LandingPage {
-        words: shown.words().clone(),
-        language: language.filter(|_| is_other),
-        others,
-        title: shown.title().to_owned(),
-        summary: shown.summary().to_owned(),
-        minutes: served.minutes(),
-        study: study.to_string(),
+    let language = language.filter(|language| Some(language) != arrival.language.as_ref());
+    let shown = language.clone().or(arrival.language);
+    let door = Door::Start {
         token,
         is_preview: arrival.is_preview,
-    })
+        language,
+    };
+    Ok(LandingPage::of(study, shown.as_deref(), door))
 }
 
 /// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
@@ -122,7 +165,7 @@ pub(super) async fn start(
 ) -> Result<Response, Error> {
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    let language = chosen(served.languages(), &query);
+    let language = chosen(&served, &query);
     let run = NewRun {
         study: study.clone(),
         version,
@@ -135,16 +178,15 @@ pub(super) async fn start(
         language: language.clone(),
         is_preview: false,
     };
-    match store.start(&arrival, run).await {
+    let led_on = match store.start(&arrival, run).await {
         Ok(started) => Ok(Redirect::to(&format!("/r/{}", started.link)).into_response()),
         Err(error) => {
-            let language = match language {
-                Some(language) => Some(language),
-                None => store.arrival(&arrival).await?.language,
-            };
+            let arrival = store.arrival(&arrival).await.ok();
+            let language = language.or(arrival.and_then(|arrival| arrival.language));
             not_now(error, in_language(&served, language.as_deref()).words())
         }
-    }
+    };
+    Ok(framed(&served, led_on))
 }
 
 /// The language that an address names.
@@ -153,8 +195,9 @@ fn asked_for(query: &BTreeMap<String, String>) -> Option<&str> {
 }
 
 /// The same if the study has it, whatever the browser likes.
-fn chosen(languages: &[String], query: &BTreeMap<String, String>) -> Option<String> {
+fn chosen(study: &Study, query: &BTreeMap<String, String>) -> Option<String> {
     let asked_for = asked_for(query)?;
+    let languages = study.languages();
     let is_had = languages.len() > 1 && languages.iter().any(|language| language == asked_for);
     is_had.then(|| asked_for.to_owned())
 }

@@ -2,6 +2,7 @@
 
 mod arrival;
 mod device;
+mod ending;
 mod language;
 mod pages;
 mod recruiting;
@@ -9,13 +10,15 @@ mod run;
 mod withdrawal;
 
 use axum::{
-    Router,
+    Extension, Router,
     extract::FromRequestParts,
     http::{Method, request::Parts},
+    response::{IntoResponse, Response},
     routing::{get, post},
 };
 
-use super::{AppState, Error};
+use super::{AppState, Error, headers::FramedBy};
+use crate::study::Study;
 
 pub(super) fn router() -> Router<AppState> {
     Router::new()
@@ -30,6 +33,14 @@ pub(super) fn router() -> Router<AppState> {
             "/r/{token}/withdraw",
             get(withdrawal::ask).post(withdrawal::withdraw),
         )
+}
+
+/// What a study answers, which MTurk may show in its frame where the study says so. Errors too: what somebody in a frame is
+/// to read has to be seen there.
+fn framed(study: &Study, answer: Result<impl IntoResponse, Error>) -> Response {
+    let sites = study.recruiting().mturk.framing_sites();
+    let sites = sites.into_iter().map(str::to_owned).collect();
+    (Extension(FramedBy(sites)), answer).into_response()
 }
 
 /// A page that a person is about to look at. Whoever only probes (HEAD) or fetches ahead is sent away, because looking

@@ -3,7 +3,7 @@
 use crate::{
     store::{StepView, Token},
     study::{
-        EndingPage, ReplayId, StepPlan, Timestamp, Words,
+        EndingPage, ReplayId, StepPlan, Study, Timestamp, Words,
         step::{
             ChoiceStep, Clause, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields,
             FormStep, InfoStep, LikertItem, ReplaysStep,
@@ -67,23 +67,58 @@ pub(super) struct Rejected {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/landing.html")]
 pub(super) struct LandingPage {
-    pub words: Words,
-    /// Where it is another one than that of the link that was followed.
-    pub language: Option<String>,
-    pub others: Vec<OtherLanguage>,
-    pub title: String,
-    pub summary: String,
-    pub minutes: u32,
-    pub study: String,
-    pub token: Token,
-    pub is_preview: bool,
+    words: Words,
+    others: Vec<OtherLanguage>,
+    title: String,
+    summary: String,
+    minutes: u32,
+    study: String,
+    door: Door,
 }
 
 /// Another language in which the study can be taken.
-pub(super) struct OtherLanguage {
-    pub tag: String,
+struct OtherLanguage {
+    tag: String,
     /// Its name in itself.
-    pub name: String,
+    name: String,
+}
+
+/// How a landing page leads into its study.
+pub(super) enum Door {
+    /// By the button that starts it.
+    Start {
+        token: Token,
+        is_preview: bool,
+        /// The language to start in, where it is another one than that of the link that was followed.
+        language: Option<String>,
+    },
+    /// Not yet: the task on MTurk has to be accepted first.
+    AcceptFirst,
+}
+
+impl LandingPage {
+    /// The page in `language`, or in that of the study's file.
+    pub(super) fn of(study: &Study, language: Option<&str>, door: Door) -> Self {
+        let shown = language.map_or(study, |language| study.in_language(language));
+        let others = study.languages().iter();
+        let others = others
+            .filter(|tag| *tag != shown.language())
+            .map(|tag| OtherLanguage {
+                tag: tag.clone(),
+                name: study.in_language(tag).words().language_name.clone(),
+            })
+            .collect();
+        let study = shown;
+        Self {
+            words: study.words().clone(),
+            others,
+            title: study.title().to_owned(),
+            summary: study.summary().to_owned(),
+            minutes: study.minutes(),
+            study: study.id().to_string(),
+            door,
+        }
+    }
 }
 
 #[derive(Template, WebTemplate)]
@@ -336,12 +371,45 @@ pub(super) enum Outcome {
     /// To the link that finished it.
     Finished {
         code: Option<String>,
-        redirect: Option<String>,
+        way_back: Option<WayBack>,
         stored: u32,
-        bonus: Option<BonusText>,
+        bonus: Option<Box<BonusText>>,
     },
     /// To another link of the same person.
     AlreadyTaken,
+}
+
+impl Outcome {
+    /// The site that the page's form is sent to, if it has one.
+    pub(super) fn submits_to(&self) -> Option<String> {
+        match self {
+            Self::Finished {
+                way_back: Some(WayBack::Submit(submit)),
+                ..
+            } => Some(submit.site.clone()),
+            Self::Finished {
+                way_back: Some(WayBack::Link(_)) | None,
+                ..
+            }
+            | Self::AlreadyTaken => None,
+        }
+    }
+}
+
+/// How a person gets back to the site that sent them.
+pub(super) enum WayBack {
+    /// By a link.
+    Link(String),
+    /// By a form that hands the finished assignment to MTurk.
+    Submit(ExternalSubmit),
+}
+
+/// What MTurk is told of a finished assignment.
+pub(super) struct ExternalSubmit {
+    /// The site that takes it.
+    pub site: String,
+    pub assignment: String,
+    pub ending: &'static str,
 }
 
 /// The bonus in words.

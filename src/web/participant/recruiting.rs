@@ -2,58 +2,145 @@
 
 use std::collections::BTreeMap;
 
-use crate::{store::NewArrival, web::Error};
+use crate::{
+    store::NewArrival,
+    study::{LinkParameter, Mturk},
+    web::Error,
+};
 
 /// Platforms know ids of under 100 characters; whatever is longer was not made by one.
 const LONGEST_VALUE: usize = 200;
 
-/// The parameters that are kept, with the platform whose person a parameter names.
-const KNOWN: [(&str, Option<&str>); 9] = [
-    ("PROLIFIC_PID", Some("prolific")),
-    ("STUDY_ID", None),
-    ("SESSION_ID", None),
-    ("workerId", Some("mturk")),
-    ("assignmentId", None),
-    ("hitId", None),
-    ("turkSubmitTo", None),
-    ("pid", Some("pid")),
-    ("source", None),
-];
+/// A label for tables by where people come from; it names nobody.
+const SOURCE: &str = "source";
 
 /// Reads a link's query. Unknown parameters are left alone, since platforms and mail programs add their own.
 ///
 /// # Errors
 /// When a known parameter is longer than 200 characters or holds control characters; when
-/// two parameters name the person.
-pub(super) fn read(query: &BTreeMap<String, String>) -> Result<NewArrival, Error> {
-    let mut arrival = NewArrival::default();
-    for (name, platform) in KNOWN {
-        let Some(value) = query.get(name).map(|value| value.trim()) else {
+/// two parameters name the person; when assignments are to be sent anywhere but to MTurk.
+pub(super) fn read(query: &BTreeMap<String, String>, mturk: &Mturk) -> Result<NewArrival, Error> {
+    let mut arrival = NewArrival {
+        source: value(query, SOURCE)?.map(str::to_owned),
+        ..NewArrival::default()
+    };
+    for parameter in LinkParameter::ALL {
+        let Some(value) = value(query, parameter.name())? else {
             continue;
         };
-        // Platforms leave parameters empty that they do not know, for example in a preview.
-        if value.is_empty() {
-            continue;
+        if let Some(platform) = parameter.platform() {
+            name_person(&mut arrival, platform, value)?;
         }
-        if value.chars().count() > LONGEST_VALUE || value.chars().any(char::is_control) {
-            return Err(Error::BadRequest(format!(
-                "the link's parameter {name} must hold at most {LONGEST_VALUE} printable characters"
-            )));
-        }
-        if name == "source" {
-            arrival.source = Some(value.to_owned());
-            continue;
-        }
-        if let Some(platform) = platform
-            && let Some((other, _)) = arrival
-                .person
-                .replace((platform.to_owned(), value.to_owned()))
-        {
-            return Err(Error::BadRequest(format!(
-                "the link names the person twice, for {other} and for {platform}"
-            )));
-        }
-        arrival.recruiting.insert(name.to_owned(), value.to_owned());
+        let kept = match parameter {
+            LinkParameter::MturkSubmitTo => mturk
+                .taking_site(value)
+                .map_err(|refused| Error::BadRequest(refused.to_string()))?,
+            LinkParameter::ProlificPid
+            | LinkParameter::ProlificStudy
+            | LinkParameter::ProlificSession
+            | LinkParameter::MturkWorker
+            | LinkParameter::MturkAssignment
+            | LinkParameter::MturkHit
+            | LinkParameter::SonaSurveyCode
+            | LinkParameter::SonaId
+            | LinkParameter::Pid => value,
+        };
+        let name = parameter.name().to_owned();
+        arrival.recruiting.insert(name, kept.to_owned());
     }
     Ok(arrival)
+}
+
+/// Whether somebody looks at the task on MTurk without having accepted it.
+pub(super) fn is_look(arrival: &NewArrival) -> bool {
+    let assignment = LinkParameter::MturkAssignment.name();
+    let assignment = arrival.recruiting.get(assignment);
+    assignment.is_some_and(|id| id == LinkParameter::MTURK_LOOK)
+}
+
+/// A parameter's value. Platforms leave parameters empty that they do not know, for example in a preview.
+fn value<'a>(query: &'a BTreeMap<String, String>, name: &str) -> Result<Option<&'a str>, Error> {
+    let value = query.get(name).map(|value| value.trim());
+    let Some(value) = value.filter(|value| !value.is_empty()) else {
+        return Ok(None);
+    };
+    if value.chars().count() > LONGEST_VALUE || value.chars().any(char::is_control) {
+        return Err(Error::BadRequest(format!(
+            "the link's parameter {name} must hold at most {LONGEST_VALUE} printable characters"
+        )));
+    }
+    Ok(Some(value))
+}
+
+fn name_person(arrival: &mut NewArrival, platform: &str, value: &str) -> Result<(), Error> {
+    let person = (platform.to_owned(), value.to_owned());
+    match &arrival.person {
+        Some(named) if *named != person => Err(Error::BadRequest(format!(
+            "the link names the person twice, for {} and for {platform}",
+            named.0
+        ))),
+        Some(_) | None => {
+            arrival.person = Some(person);
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn link(query: &[(&str, &str)]) -> Result<NewArrival, Error> {
+        let owned = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
+        read(&query.iter().map(owned).collect(), &Mturk::default())
+    }
+
+    #[track_caller]
+    fn check(query: &[(&str, &str)], platform: &str, person: &str) {
+        let arrival = link(query).expect("the link can be read");
+        let expected = Some((platform.to_owned(), person.to_owned()));
+        assert_eq!(arrival.person, expected, "{query:?}");
+    }
+
+    #[test]
+    fn each_platform_names_its_person() {
+        check(
+            &[("PROLIFIC_PID", "5f3"), ("STUDY_ID", "s")],
+            "prolific",
+            "5f3",
+        );
+        check(&[("workerId", "A1"), ("assignmentId", "3X")], "mturk", "A1");
+        check(&[("survey_code", "4711")], "sona", "4711");
+        check(&[("id", "4711")], "sona", "4711");
+        check(&[("survey_code", "4711"), ("id", "4711")], "sona", "4711");
+        check(&[("pid", " anna ")], "pid", "anna");
+    }
+
+    #[test]
+    fn sources_and_unknown_parameters_name_nobody() {
+        let arrival = link(&[("source", "poster"), ("utm_id", "9"), ("PROLIFIC_PID", "")]).unwrap();
+        assert_eq!(arrival.person, None);
+        assert_eq!(arrival.source.as_deref(), Some("poster"));
+        assert!(arrival.recruiting.is_empty());
+    }
+
+    #[test]
+    fn two_names_for_one_person_are_refused() {
+        for query in [
+            [("PROLIFIC_PID", "5f3"), ("pid", "anna")],
+            [("survey_code", "1"), ("id", "2")],
+        ] {
+            let refused = link(&query).unwrap_err().to_string();
+            assert!(refused.contains("names the person twice"), "{refused}");
+        }
+    }
+
+    #[test]
+    fn a_task_that_was_not_accepted_is_only_looked_at() {
+        assert!(is_look(
+            &link(&[("assignmentId", LinkParameter::MTURK_LOOK)]).unwrap()
+        ));
+        assert!(!is_look(&link(&[("assignmentId", "3X")]).unwrap()));
+        assert!(!is_look(&link(&[]).unwrap()));
+    }
 }

@@ -14,9 +14,10 @@ use serde::Serialize;
 use super::{
     Looking,
     arrival::{in_language, read_token},
+    framed,
     pages::{
-        BonusText, ChoicePage, ConsentPage, FormPage, InfoPage, LaterWithdrawal, NotePage, Outcome,
-        PageClock, PaidChoiceText, Rejected, ReplayView, ReplaysPage, RunLink, ThanksPage, scene,
+        ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
+        ReplaysPage, RunLink, scene,
     },
     withdrawal::{gone, withdrawn},
 };
@@ -24,11 +25,10 @@ use crate::{
     chance::Chance,
     jobs::Catalogue,
     store::{
-        self, PaidChoice, Population, Receipt, RunState, RunView, StepView, Store, Submission,
-        Token, Verdict,
+        self, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict,
     },
     study::{
-        CompletionCode, Ending, Step, StepPlan, Study, Timestamp, Words,
+        Ending, Step, Study, Words,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
     web::{AppState, Error, Replays, Settings, replays},
@@ -46,7 +46,10 @@ pub(super) async fn current(
         Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
-    pages.page(&token, &run, Rejected::default()).await
+    let study = pages.study(&run)?;
+    let study = in_language(&study, run.language.as_deref());
+    let page = pages.page(&token, &run, study, Rejected::default()).await;
+    Ok(framed(study, page))
 }
 
 /// POST `/r/TOKEN`: an answer to one step. It is on disk before this is answered.
@@ -62,42 +65,10 @@ pub(super) async fn answer(
     if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
-    let position = field(&fields, "step")?
-        .parse()
-        .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
-    let key = field(&fields, "key")?.to_owned();
-    let submission = match pages.submission(&run, position, key, &fields).await? {
-        Ok(submission) => submission,
-        // What is wrong with a step that is closed matters to nobody.
-        Err(_)
-            if run
-                .step
-                .as_ref()
-                .is_none_or(|current| position < current.position) =>
-        {
-            return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
-        }
-        Err(errors) => {
-            // The page that carries the messages is looked at like any other: a timed question's clock starts.
-            let run = pages.store.visit(&token).await?;
-            let page = pages
-                .page(&token, &run, Rejected { fields, errors })
-                .await?;
-            return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
-        }
-    };
-    let submitted = pages.store.submit_on(&token, run.run, submission).await?;
-    let status = match submitted.verdict {
-        Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
-        Verdict::Answered
-        | Verdict::Late
-        | Verdict::TimedOut
-        | Verdict::Skipped
-        | Verdict::Wrong
-        | Verdict::Early
-        | Verdict::Retry => StatusCode::OK,
-    };
-    Ok(led_on(&headers, &token, status, Some(submitted.receipt)))
+    let study = pages.study(&run)?;
+    let study = in_language(&study, run.language.as_deref());
+    let answer = pages.take(&token, &run, study, &headers, fields).await;
+    Ok(framed(study, answer))
 }
 
 /// What a page's script is told about the form that it sent.
@@ -161,11 +132,11 @@ fn field<'a>(fields: &'a Fields, name: &str) -> Result<&'a str, Error> {
 /// What it takes to make the page of a run.
 #[derive(Clone)]
 pub(super) struct RunPages {
-    store: Store,
+    pub(super) store: Store,
     catalogue: Arc<Catalogue>,
     chance: Chance,
     replays: Arc<Replays>,
-    settings: Arc<Settings>,
+    pub(super) settings: Arc<Settings>,
 }
 
 impl axum::extract::FromRef<AppState> for RunPages {
@@ -181,18 +152,63 @@ impl axum::extract::FromRef<AppState> for RunPages {
 }
 
 impl RunPages {
+    /// Stores an answer to one step, or sends its form back.
+    async fn take(
+        &self,
+        token: &Token,
+        run: &RunView,
+        study: &Study,
+        headers: &HeaderMap,
+        fields: Fields,
+    ) -> Result<Response, Error> {
+        let position = field(&fields, "step")?
+            .parse()
+            .map_err(|_| Error::BadRequest("field step must be the number of a step".to_owned()))?;
+        let key = field(&fields, "key")?.to_owned();
+        let submission = match self.submission(run, study, position, key, &fields).await? {
+            Ok(submission) => submission,
+            // What is wrong with a step that is closed matters to nobody.
+            Err(_)
+                if run
+                    .step
+                    .as_ref()
+                    .is_none_or(|current| position < current.position) =>
+            {
+                return Ok(led_on(headers, token, StatusCode::CONFLICT, None));
+            }
+            Err(errors) => {
+                // The page that carries the messages is looked at like any other: a timed question's clock starts.
+                let run = self.store.visit(token).await?;
+                let page = self
+                    .page(token, &run, study, Rejected { fields, errors })
+                    .await?;
+                return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
+            }
+        };
+        let submitted = self.store.submit_on(token, run.run, submission).await?;
+        let status = match submitted.verdict {
+            Verdict::Conflict | Verdict::Duplicate => StatusCode::CONFLICT,
+            Verdict::Answered
+            | Verdict::Late
+            | Verdict::TimedOut
+            | Verdict::Skipped
+            | Verdict::Wrong
+            | Verdict::Early
+            | Verdict::Retry => StatusCode::OK,
+        };
+        Ok(led_on(headers, token, status, Some(submitted.receipt)))
+    }
+
     /// What a form says, or why the step that it answers does not take it.
     async fn submission(
         &self,
         run: &RunView,
+        study: &Study,
         position: u32,
         key: String,
         fields: &Fields,
     ) -> Result<Result<Submission, Vec<FieldError>>, Error> {
         let plan = self.store.step(run.run, position).await?;
-        let study = self.study(run)?;
-        let study = in_language(&study, run.language.as_deref());
-        let words = study.words();
         let step = study.step(&plan)?;
         let consent_version = match &step {
             Step::Consent(consent) => Some(consent.version.to_owned()),
@@ -203,11 +219,11 @@ impl RunPages {
             | Step::Thanks(_) => None,
         };
         if let Step::Replays(shown) = &step
-            && let Some(error) = self.too_early(run, position, shown, words).await?
+            && let Some(error) = self.too_early(run, position, shown, study.words()).await?
         {
             return Ok(Err(vec![error]));
         }
-        Ok(step.read(fields, words).map(|reply| Submission {
+        Ok(step.read(fields, study.words()).map(|reply| Submission {
             position,
             key,
             assessment: step.assess(&reply),
@@ -277,10 +293,9 @@ impl RunPages {
         &self,
         token: &Token,
         run: &RunView,
+        study: &Study,
         rejected: Rejected,
     ) -> Result<Response, Error> {
-        let study = self.study(run)?;
-        let study = in_language(&study, run.language.as_deref());
         let words = study.words();
         let Some(shown) = &run.step else {
             return Ok(withdrawn(words).into_response());
@@ -348,111 +363,6 @@ impl RunPages {
             plan: &shown.plan,
         }
     }
-
-    /// The address under which a run can be withdrawn later, in full where the server knows its own.
-    fn withdrawal_address(&self, token: &Token) -> String {
-        let path = format!("/r/{token}/withdraw");
-        match &self.settings.public_url {
-            Some(url) => format!("{}{path}", url.to_string().trim_end_matches('/')),
-            None => path,
-        }
-    }
-
-    /// The page of a run that has ended. Its code is shown only after the stored answers were counted, and only to the
-    /// links on which the run was started or finished; so is its bonus.
-    async fn ended(
-        &self,
-        token: &Token,
-        run: &RunView,
-        study: &Study,
-        ending: Ending,
-    ) -> Result<Response, Error> {
-        let page = study.ending(ending);
-        let stored = self.store.stored_count(run.run).await?;
-        // A run whose time was over may have ended before its first answer.
-        let ended_before_all = ending == Ending::TimedOut && stored.is_empty();
-        if !(stored.is_complete() || ended_before_all) {
-            return Err(Error::Internal(anyhow::anyhow!(
-                "run {} has ended but has {} answers for {} steps",
-                run.run,
-                stored.answers,
-                stored.steps
-            )));
-        }
-        let outcome = if run.shows_code {
-            let code = match &page.code {
-                CompletionCode::Fixed(code) => Some(code.clone()),
-                CompletionCode::PerRun => Some(self.store.completion_code(run.run)),
-                CompletionCode::Absent => None,
-            };
-            Outcome::Finished {
-                redirect: page.redirect_url(code.as_deref().unwrap_or_default()),
-                code,
-                stored: stored.answers,
-                bonus: self.bonus(run, study).await?,
-            }
-        } else {
-            Outcome::AlreadyTaken
-        };
-        let words = study.words();
-        Ok(ThanksPage {
-            words,
-            token,
-            ending: page,
-            outcome,
-            is_preview: run.is_preview,
-            withdrawal: run.is_owner.then(|| LaterWithdrawal {
-                address: self.withdrawal_address(token),
-                until: study
-                    .recruiting()
-                    .retention
-                    .map(|retention| words.day_of(Timestamp(retention.0 - 1))),
-            }),
-        }
-        .into_response())
-    }
-
-    /// What is paid beside the fee, and which choice it comes from.
-    async fn bonus(&self, run: &RunView, study: &Study) -> Result<Option<BonusText>, Error> {
-        let Some(terms) = study.bonus() else {
-            return Ok(None);
-        };
-        let Some(bonus) = self.store.bonus(run.run).await? else {
-            return Ok(None);
-        };
-        let choice = match &bonus.choice {
-            Some(choice) => {
-                let plan = self.store.step(run.run, choice.position).await?;
-                paid_choice(study, &plan, choice)?
-            }
-            None => None,
-        };
-        Ok(Some(BonusText {
-            amount: terms.format(bonus.amount),
-            choice,
-        }))
-    }
-}
-
-fn paid_choice(
-    study: &Study,
-    plan: &StepPlan,
-    paid: &PaidChoice,
-) -> Result<Option<PaidChoiceText>, Error> {
-    let Step::Choice(question) = study.step(plan)? else {
-        return Ok(None);
-    };
-    let action = question
-        .actions
-        .iter()
-        .find(|action| action.id == *paid.action)
-        .map_or_else(|| paid.action.clone(), |action| action.label.clone());
-    Ok(Some(PaidChoiceText {
-        question: question.title.to_owned(),
-        place: study.words().bonus_question(question.number, question.of),
-        action,
-        reward: study.reward_unit().format(paid.reward),
-    }))
 }
 
 /// What somebody who declined is shown, then and whenever they come back: the text of the study's consent step.

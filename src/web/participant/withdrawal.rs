@@ -1,5 +1,7 @@
 //! Leaving a study with everything that was answered.
 
+use std::sync::Arc;
+
 use axum::{
     extract::{Path, State},
     http::{HeaderMap, StatusCode},
@@ -8,16 +10,15 @@ use axum::{
 
 use super::{
     arrival::{in_language, read_token},
-    language,
+    framed, language,
     pages::{NotePage, WithdrawPage},
 };
 use crate::{
     jobs::Catalogue,
-    store::{self, RunState, RunView, Store},
+    store::{self, RunState, Store},
     study::Words,
     web::Error,
 };
-use std::sync::Arc;
 
 /// GET `/r/TOKEN/withdraw`: asks whether it is meant.
 pub(super) async fn ask(
@@ -31,19 +32,24 @@ pub(super) async fn ask(
         Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
-    if !run.is_owner {
-        return Err(not_the_owner());
-    }
-    let words = words(&catalogue, &run);
-    Ok(match run.state {
-        RunState::Withdrawn => withdrawn(&words).into_response(),
-        RunState::Active
-        | RunState::Completed
-        | RunState::Declined
-        | RunState::ScreenedOut
-        | RunState::FailedCheck
-        | RunState::TimedOut => WithdrawPage { words, token }.into_response(),
-    })
+    let study = catalogue.version(run.version);
+    let study = study.ok_or(Error::NotFound("study"))?;
+    let study = in_language(&study, run.language.as_deref());
+    let words = study.words().clone();
+    let page = match (run.is_owner, run.state) {
+        (false, _) => Err(not_the_owner()),
+        (true, RunState::Withdrawn) => Ok(withdrawn(&words).into_response()),
+        (
+            true,
+            RunState::Active
+            | RunState::Completed
+            | RunState::Declined
+            | RunState::ScreenedOut
+            | RunState::FailedCheck
+            | RunState::TimedOut,
+        ) => Ok(WithdrawPage { words, token }.into_response()),
+    };
+    Ok(framed(study, page))
 }
 
 /// POST `/r/TOKEN/withdraw`: erases the run.
@@ -62,15 +68,6 @@ pub(super) async fn withdraw(
     }
     store.withdraw(&token).await?;
     Ok(Redirect::to(&format!("/r/{token}")).into_response())
-}
-
-/// The words of a run's pages; English for a version that is served no more.
-fn words(catalogue: &Catalogue, run: &RunView) -> Words {
-    catalogue
-        .version(run.version)
-        .map_or_else(Words::english, |study| {
-            in_language(&study, run.language.as_deref()).words().clone()
-        })
 }
 
 /// What is left to show of an erased run.

@@ -177,3 +177,61 @@ async fn a_provisional_fit_is_gone_with_the_next_one_and_takes_nothing_final_alo
     let ids: Vec<_> = history.iter().map(|fit| fit.id).collect();
     assert_eq!(ids, [last, next, first]);
 }
+
+#[tokio::test]
+async fn a_withdrawal_removes_every_fit_that_counted_the_person() {
+    let mut lab = Lab::open().await;
+    let mut leaves = lab.start_and_reach_timed("driving").await;
+    leaves.finishes(&lab, "stop").await;
+    let only_looked = lab.start("driving").await;
+    let people = Population::People;
+    let (driving, cups) = (StudyId::from("driving"), StudyId::from("cups"));
+    let version = async || {
+        lab.store
+            .totals(&driving, people)
+            .await
+            .unwrap()
+            .data_version
+    };
+    let with_them = version().await;
+    let converged = |part: &str, data_version| NewFit {
+        data_version,
+        ..fit(&lab, part, FitOutcome::Converged("{}".to_owned()))
+    };
+    let elsewhere = NewFit {
+        study: cups.clone(),
+        ..converged("low", with_them)
+    };
+    let saved = vec![
+        converged("low", with_them - 1),
+        converged("low", with_them),
+        elsewhere,
+    ];
+    let saved = lab.store.save_fits(saved).await.unwrap();
+    let shown = async |study: &StudyId| {
+        let fits = lab.store.latest_fits(study, people).await.unwrap();
+        fits.iter().map(|fit| fit.id).collect::<Vec<_>>()
+    };
+
+    // Whoever answered nothing that counts is in no fit.
+    lab.store.withdraw(&only_looked.link).await.unwrap();
+    assert_eq!(shown(&driving).await, [saved[1]]);
+
+    lab.store.withdraw(&leaves.link).await.unwrap();
+    assert_eq!(shown(&driving).await, []);
+    assert_eq!(shown(&cups).await, [saved[2]]);
+    for gone in &saved[..2] {
+        let draws = lab.store.fit_draws(*gone).await;
+        assert!(matches!(draws, Err(Error::NotFound(_))), "{draws:?}");
+    }
+    // What was under way comes too late; the next one has an id that none had.
+    let late = lab.store.save_fits(vec![converged("low", with_them)]).await;
+    assert_eq!(late.unwrap(), []);
+    let now = version().await;
+    let next = lab
+        .store
+        .save_fits(vec![converged("low", now)])
+        .await
+        .unwrap();
+    assert!(next[0] > saved[2]);
+}

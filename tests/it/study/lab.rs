@@ -1,5 +1,7 @@
 //! A lab's own studies: no Rust is needed for other actions, factors, gains and losses.
 
+use std::collections::BTreeMap;
+
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use riskaware::model::ZeroOutcome;
@@ -108,7 +110,11 @@ fn settings_are_read() {
         CompletionCode::Fixed("GAMBLE-1".to_owned())
     );
     assert_eq!(
-        completion.redirect_url("GAMBLE-1").as_deref(),
+        completion
+            .redirect
+            .as_ref()
+            .and_then(|target| target.address(Some("GAMBLE-1"), &BTreeMap::new()))
+            .as_deref(),
         Some("https://panel.example/done?cc=GAMBLE-1")
     );
     assert_eq!(study.reward_unit().format(-30.5), "\u{2212}30.5 points");

@@ -618,7 +618,6 @@ fn completion_and_fit() {
         "https://{code}.example/",
         "https://",
         "javascript:x",
-        "https://a.example/{name}",
         "https://u@a.example/",
     ] {
         let to = format!("redirect = \"{address}\"");
@@ -630,6 +629,13 @@ fn completion_and_fit() {
             "https://",
         );
     }
+    check(
+        "redirect = \"https://panel.example/done?cc={code}\"",
+        "redirect = \"https://panel.example/done?cc={name}\"",
+        "completion.redirect",
+        "`{name}`",
+        "`{code}`",
+    );
     check(
         "samples = 50",
         "samples = 1",
