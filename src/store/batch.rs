@@ -532,14 +532,12 @@ impl Batch {
 }
 
 fn require_open(study: &StudyId, state: StudyState) -> Result<(), Error> {
-    let closed = |state| Error::Closed {
-        study: study.to_string(),
-        state,
-    };
     match state {
         StudyState::Open => Ok(()),
-        StudyState::Draft => Err(closed("being prepared")),
-        StudyState::Paused | StudyState::Closed => Err(closed(state.as_str())),
+        StudyState::Draft | StudyState::Paused | StudyState::Closed => Err(Error::Closed {
+            study: study.to_string(),
+            state,
+        }),
     }
 }
 

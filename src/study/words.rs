@@ -92,11 +92,11 @@ pub struct Words {
     pub(crate) withdraw_button: String,
     pub(crate) go_back: String,
     pub(crate) withdrawn_title: String,
-    withdrawn_text: String,
+    pub(crate) withdrawn_text: String,
     pub(crate) cannot_start: String,
-    study_draft: String,
-    study_paused: String,
-    study_closed: String,
+    pub(crate) study_draft: String,
+    pub(crate) study_paused: String,
+    pub(crate) study_closed: String,
     not_yet: String,
     over: String,
     other_device: String,
@@ -106,7 +106,7 @@ pub struct Words {
     or: String,
     full: String,
     pub(crate) gone_title: String,
-    gone_text: String,
+    pub(crate) gone_text: String,
     day: String,
     moment: String,
     months: String,
@@ -262,21 +262,9 @@ impl Words {
         fill(&self.pages_stored, &[("count", count)])
     }
 
-    pub(crate) fn withdrawn_html(&self) -> String {
-        markup::to_html(&self.withdrawn_text)
-    }
-
-    pub(crate) fn gone_html(&self) -> String {
-        markup::to_html(&self.gone_text)
-    }
-
-    /// What is said of a study in this state to somebody who would like to begin, as HTML.
-    pub(crate) fn not_open_html(&self, state: &str) -> String {
-        markup::to_html(match state {
-            "draft" => &self.study_draft,
-            "paused" => &self.study_paused,
-            _ => &self.study_closed,
-        })
+    /// A text of the catalogue as HTML.
+    pub(crate) fn to_html(text: &str) -> String {
+        markup::to_html(text)
     }
 
     /// Why nobody can begin now, as HTML.

@@ -90,7 +90,7 @@ async fn look(
     if state.is_none_or(|row| row.state != StudyState::Open) {
         return Err(store::Error::Closed {
             study: study.id().to_string(),
-            state: state.map_or(StudyState::Closed, |row| row.state).as_str(),
+            state: state.map_or(StudyState::Closed, |row| row.state),
         });
     }
     match refusal {
@@ -210,7 +210,11 @@ pub(super) fn in_language<'a>(study: &'a Study, language: Option<&str>) -> &'a S
 /// What somebody is told who cannot begin now; anything else stays an error.
 fn not_now(error: store::Error, words: &Words) -> Result<Response, Error> {
     let text_html = match &error {
-        store::Error::Closed { state, .. } => words.not_open_html(state),
+        store::Error::Closed { state, .. } => Words::to_html(match state {
+            StudyState::Draft => &words.study_draft,
+            StudyState::Open | StudyState::Paused => &words.study_paused,
+            StudyState::Closed => &words.study_closed,
+        }),
         store::Error::NotAdmitted(reason) => words.not_admitted_html(reason),
         store::Error::NotFound(_)
         | store::Error::Conflict(_)

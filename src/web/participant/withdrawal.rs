@@ -75,7 +75,7 @@ pub(super) fn withdrawn(words: &Words) -> NotePage {
     NotePage {
         language: words.language.clone(),
         title: words.withdrawn_title.clone(),
-        text_html: words.withdrawn_html(),
+        text_html: Words::to_html(&words.withdrawn_text),
     }
 }
 
@@ -84,7 +84,7 @@ pub(super) fn gone(headers: &HeaderMap) -> Response {
     let liked = language::liked(headers);
     let words = Words::of_languages(liked.iter().map(String::as_str));
     let page = NotePage {
-        text_html: words.gone_html(),
+        text_html: Words::to_html(&words.gone_text),
         title: words.gone_title,
         language: words.language,
     };
