@@ -4,7 +4,11 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::store;
+use super::audit;
+use crate::{
+    clock::Clock,
+    store::{self, Store},
+};
 
 /// What to copy to where.
 #[derive(Debug, Clone, Args)]
@@ -33,6 +37,15 @@ pub struct RestoreArguments {
 pub async fn back_up(arguments: BackupArguments) -> anyhow::Result<()> {
     let BackupArguments { file, database } = arguments;
     store::back_up(&database, &file).await?;
+    match Store::open_beside(&database, Clock::start()).await {
+        Ok(store) => {
+            let detail = Some(file.display().to_string());
+            audit::record(&store, "back up the database", None, detail).await?;
+            store.close().await;
+        }
+        // The database of an earlier program can be copied before it is upgraded.
+        Err(error) => tracing::warn!(%error, "this copy does not stand in the log"),
+    }
     println!("{} holds a copy of {}", file.display(), database.display());
     Ok(())
 }

@@ -9,6 +9,7 @@ use std::{
 use anyhow::{Context, bail, ensure};
 use clap::{Args, ValueEnum};
 
+use super::audit;
 use crate::{
     clock::Clock,
     export::{Export, Form, Ids},
@@ -122,13 +123,13 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
             known.join(", ")
         );
     }
+    let ids = match ids {
+        None => Ids::LeftOut,
+        Some(WantedIds::Hashed) => Ids::Hashed,
+        Some(WantedIds::Plain) => Ids::Plain,
+    };
     let written = match format.form() {
         Some(form) => {
-            let ids = match ids {
-                None => Ids::LeftOut,
-                Some(WantedIds::Hashed) => Ids::Hashed,
-                Some(WantedIds::Plain) => Ids::Plain,
-            };
             let export = Export::open(&store, &study, population, ids).await?;
             tokio::task::spawn_blocking(move || {
                 to_file(&out, |file| {
@@ -145,7 +146,30 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
     };
     store.close().await;
-    written
+    written?;
+    let detail = ids.name().map(|name| format!("ids {name}"));
+    let format = format.to_possible_value();
+    let action = format!(
+        "export {}",
+        format.as_ref().map_or("", |format| format.get_name())
+    );
+    // A copy that can only be read has no log to write to.
+    if let Err(error) = log(&database, &action, &study, detail).await {
+        tracing::warn!(%error, "this export does not stand in the log");
+    }
+    Ok(())
+}
+
+async fn log(
+    database: &Path,
+    action: &str,
+    study: &StudyId,
+    detail: Option<String>,
+) -> anyhow::Result<()> {
+    let store = Store::open_beside(database, Clock::start()).await?;
+    let recorded = audit::record(&store, action, Some(study), detail).await;
+    store.close().await;
+    recorded
 }
 
 fn to_file(

@@ -5,6 +5,7 @@ use std::{fs::File, io::BufReader, path::PathBuf};
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 
+use super::audit;
 use crate::{
     clock::Clock,
     import::{self, Fault, Mapping},
@@ -84,6 +85,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
     let people = store
         .import(&study, version, source.trim(), imported.runs)
         .await?;
+    let detail = format!("{people} people, source {}", source.trim());
+    audit::record(&store, "import answers", Some(&study), Some(detail)).await?;
     store.close().await;
     println!(
         "{} answers of {people} people are imported into {study}; {} rows of practice questions are left out",

@@ -1,6 +1,7 @@
 //! The commands of the `riskaware` binary.
 
 mod accounts;
+mod audit;
 mod backup;
 mod calibrate;
 mod choice_files;

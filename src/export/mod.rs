@@ -92,6 +92,17 @@ pub enum Ids {
     Plain,
 }
 
+impl Ids {
+    /// How it is asked for; none where nothing was.
+    pub fn name(self) -> Option<&'static str> {
+        match self {
+            Self::LeftOut => None,
+            Self::Hashed => Some("hashed"),
+            Self::Plain => Some("plain"),
+        }
+    }
+}
+
 /// Why an export was not made, or broke off.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {

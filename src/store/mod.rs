@@ -13,6 +13,8 @@
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
+//! * `progress`, `quality`, `sources`: what researchers watch while a study runs: steps, times, participants and what is notable
+//!   about them,
 //! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
 //! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
@@ -37,9 +39,12 @@ mod load;
 mod names;
 mod open;
 mod participants;
+mod progress;
+mod quality;
 mod rules;
 mod runs;
 mod sharing;
+mod sources;
 mod studies;
 mod token;
 mod withdraw;
@@ -80,8 +85,11 @@ pub use names::{
     Verdict, VersionId,
 };
 pub use participants::{ParticipantRow, StepAnswer};
+pub use progress::{LEFT_AFTER_MS, StepProgress};
+pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, WatchedParticipant};
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
+pub use sources::SourceCount;
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
@@ -512,6 +520,22 @@ impl Store {
         }
         let now = self.now();
         self.wait_for(|ticket| Job::Rare(Rare::Withdraw(view.run, now, ticket)))
+            .await
+    }
+
+    /// Erases a run as [`Store::withdraw`] does, for somebody who asked for it in another way than by their link.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study.
+    pub async fn erase(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<(), Error> {
+        self.run_state(study, population, run).await?;
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::Withdraw(run, now, ticket)))
             .await
     }
 

@@ -302,6 +302,34 @@ impl Store {
         }
     }
 
+    /// How far a run of a study is, by its number.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study, and for previews.
+    pub async fn run_state(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<RunState, Error> {
+        let state: Option<String> = sqlx::query_scalar(
+            r#"
+            select state
+            from run
+            where id = ? and study_id = ? and is_simulated = ? and is_preview = 0
+            "#,
+        )
+        .bind(run)
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_optional(&self.pool)
+        .await?;
+        let state = state.ok_or(Error::NotFound("participant"))?;
+        Ok(state
+            .parse()
+            .map_err(|err| sqlx::Error::Decode(Box::new(err)))?)
+    }
+
     /// A step of a run that is closed or current, to read a form with that was sent for it.
     ///
     /// # Errors

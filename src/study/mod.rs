@@ -34,6 +34,7 @@ mod instructed;
 mod markup;
 mod outline;
 mod parse;
+mod participants_paragraph;
 mod plan;
 mod recruiting;
 mod sequential;
@@ -59,6 +60,7 @@ pub use id::{
 };
 pub use instructed::InstructedItem;
 pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
+pub use participants_paragraph::ParticipantFacts;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };

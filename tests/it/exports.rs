@@ -17,6 +17,7 @@ use crate::{
     app::{App, START},
     crowd::{Background, drives, until},
     evidence::driving,
+    program::{riskaware, stderr},
 };
 
 /// Three people: one finished with words that look like a formula, one is under way, one withdrew.
@@ -111,10 +112,53 @@ async fn the_same_data_are_the_same_bytes() {
         app.clock.advance(3_600_000);
         assert!(first == bytes(&app, form).await, "{form}");
     }
-    assert_eq!(
-        bytes(&app, "answers.csv").await,
-        bytes(&app, "answers.csv").await
-    );
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn the_log_tells_who_took_what_with_which_ids() {
+    let app = with_people().await;
+    bytes(&app, "export/wide.csv").await;
+    bytes(&app, "export/wide.csv?ids=hashed").await;
+    let out = tempfile::tempdir().unwrap();
+    let (copy, file) = (out.path().join("copy.db"), out.path().join("wide.csv"));
+    let database = app.store.path().to_str().unwrap();
+    for arguments in [
+        [
+            "export",
+            "driving",
+            "--format",
+            "wide",
+            "--ids",
+            "hashed",
+            "--out",
+            file.to_str().unwrap(),
+        ]
+        .as_slice(),
+        &["backup", copy.to_str().unwrap()],
+    ] {
+        let output = riskaware(&[arguments, &["--database", database]].concat(), "");
+        assert!(output.status.success(), "{}", stderr(&output));
+    }
+    let rows = app.store.audit(None, 100).await.unwrap();
+    let told: Vec<_> = rows
+        .iter()
+        .rev()
+        .map(|row| {
+            (
+                row.entry.actor.as_str(),
+                row.entry.action.as_str(),
+                row.entry.detail.as_deref(),
+            )
+        })
+        .collect();
+    let expected = [
+        ("nobody", "export wide.csv", None),
+        ("nobody", "export wide.csv", Some("ids hashed")),
+        ("command", "export wide", Some("ids hashed")),
+        ("command", "back up the database", copy.to_str()),
+    ];
+    assert_eq!(told, expected);
     app.stop().await;
 }
 

@@ -26,6 +26,7 @@ mod program;
 mod recover;
 mod recruiting;
 mod refit;
+mod researcher;
 mod results;
 mod results_reading;
 mod simulation;

@@ -9,11 +9,8 @@ use std::path::PathBuf;
 use anyhow::Context;
 use clap::Args;
 
-use crate::{
-    clock::Clock,
-    store::{AuditEntry, AuditOutcome, Store},
-    study::Timestamp,
-};
+use super::audit;
+use crate::{clock::Clock, store::Store, study::Timestamp};
 
 /// Which database is meant.
 #[derive(Debug, Clone, Args)]
@@ -38,14 +35,7 @@ impl DatabaseArgs {
 
 /// Writes to the log that a command did this.
 async fn record(store: &Store, action: &str, detail: String) -> anyhow::Result<()> {
-    let entry = AuditEntry {
-        actor: "command".to_owned(),
-        action: action.to_owned(),
-        study: None,
-        detail: Some(detail),
-        outcome: AuditOutcome::Done,
-    };
-    store.log(entry).await.context("writing to the log")
+    audit::record(store, action, None, Some(detail)).await
 }
 
 /// A moment as a date with a time of day, in UTC.

@@ -6,8 +6,9 @@ use anyhow::Context;
 use clap::Args;
 
 use crate::{
+    cli::audit,
     clock::Clock,
-    store::{AuditEntry, AuditOutcome, Error, Store, StudyState},
+    store::{Error, Store, StudyState},
     study::StudyId,
 };
 
@@ -81,14 +82,13 @@ async fn set_state(store: &Store, id: &StudyId, change: Change) -> anyhow::Resul
         Err(error) => return Err(error.into()),
     };
     store.set_study_state(id, change.state()).await?;
-    let entry = AuditEntry {
-        actor: "command".to_owned(),
-        action: change.action().to_owned(),
-        study: Some(id.clone()),
-        detail: Some(format!("it was {earlier}")),
-        outcome: AuditOutcome::Done,
-    };
-    store.log(entry).await?;
+    audit::record(
+        store,
+        change.action(),
+        Some(id),
+        Some(format!("it was {earlier}")),
+    )
+    .await?;
     Ok(format!(
         "study {id}: {earlier} before, {} now",
         change.state()

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::{
-    Router,
+    Extension, Router,
     body::{Body, Bytes},
     extract::State,
     http::{HeaderName, HeaderValue, header},
@@ -31,7 +31,7 @@ use super::{
 use crate::{
     export::{Codebook, Export, ExportError, Form, Ids},
     study::StudyId,
-    web::{ApiError, AppState, Error, analysis_json},
+    web::{ApiError, AppState, Error, access::Recorded, analysis_json},
 };
 
 /// Bytes that are sent at once.
@@ -248,7 +248,11 @@ async fn export(
         ),
     ];
     let body = Body::from_stream(tokio_stream::wrappers::ReceiverStream::new(pieces));
-    Ok((headers, body).into_response())
+    let recorded = Recorded {
+        action: None,
+        detail: ids.name().map(|name| format!("ids {name}")),
+    };
+    Ok((Extension(recorded), headers, body).into_response())
 }
 
 /// Writes the export; where it breaks off, the client sees a body that ends early.
