@@ -78,8 +78,10 @@ pub struct Words {
     pub(crate) bonus_came_out: String,
     pub(crate) bonus_fixed: String,
     pub(crate) completion_code: String,
+    pub(crate) other_code: String,
     pub(crate) withdraw_later: String,
     withdraw_until: String,
+    withdraw_elsewhere: String,
     pub(crate) withdraw_afterwards: String,
     pages_stored: String,
     pub(crate) return_to_site: String,
@@ -252,6 +254,10 @@ impl Words {
 
     pub(crate) fn bonus_question(&self, number: usize, of: usize) -> String {
         fill(&self.bonus_question, &[("number", &number), ("of", &of)])
+    }
+
+    pub(crate) fn withdraw_elsewhere(&self, contact: &str) -> String {
+        fill(&self.withdraw_elsewhere, &[("contact", &contact)])
     }
 
     pub(crate) fn withdraw_until(&self, day: &str) -> String {

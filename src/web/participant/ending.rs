@@ -70,6 +70,13 @@ impl RunPages {
             ending: page,
             outcome,
             is_preview: run.is_preview,
+            code_label: match ending {
+                Ending::Completed => &study.words().completion_code,
+                Ending::ScreenedOut | Ending::FailedCheck | Ending::TimedOut => {
+                    &study.words().other_code
+                }
+            },
+            contact: study.contact(),
             withdrawal: run.is_owner.then(|| LaterWithdrawal {
                 address: self.withdrawal_address(token),
                 // The day that ends when the retention time does.

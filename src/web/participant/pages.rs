@@ -354,6 +354,10 @@ pub(super) struct ThanksPage<'a> {
     pub ending: &'a EndingPage,
     pub outcome: Outcome,
     pub is_preview: bool,
+    /// What the code is called.
+    pub code_label: &'a str,
+    /// Whom to ask for what this link may not do.
+    pub contact: &'a str,
     /// How to withdraw later, for the link that may.
     pub withdrawal: Option<LaterWithdrawal>,
 }
