@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
 
-use super::disk::{Lock, make_private, with_suffix};
+use super::disk::{Lock, create_private, with_suffix};
 use super::open::{self, Schema};
 use super::{OpenError, Store};
 
@@ -154,7 +154,7 @@ pub(super) async fn copy_to(
         ))
     })?;
     // SQLite fills an empty file as it would make a new one, and would let others read that one while it is written.
-    make_private(&partial).map_err(failed)?;
+    create_private(&partial)?;
     let written = sqlx::query("vacuum into ?")
         .bind(name)
         .execute(connection)

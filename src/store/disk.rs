@@ -45,14 +45,22 @@ impl Lock {
     }
 }
 
-/// Makes an empty file that nobody but its owner may read, whatever the process's mask says.
-pub(super) fn make_private(path: &Path) -> std::io::Result<()> {
-    File::options()
-        .write(true)
+/// Makes the file of a new database, or of a copy, for its owner alone to read: it will hold answers, ids and the server's secret. SQLite
+/// gives its log the same rights.
+pub(super) fn create_private(database: &Path) -> Result<(), OpenError> {
+    let made = File::options()
         .create_new(true)
+        .write(true)
         .mode(0o600)
-        .open(path)
-        .map(drop)
+        .open(database);
+    match made {
+        Ok(_) => Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Ok(()),
+        Err(source) => Err(OpenError::Folder {
+            path: database.to_owned(),
+            source,
+        }),
+    }
 }
 
 /// A file that lies beside the database, such as its write-ahead log.
@@ -138,13 +146,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_private_file_is_its_owners_alone_and_takes_nobodys_place() {
+    fn a_private_file_is_its_owners_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("copy.partial");
-        make_private(&path).unwrap();
+        create_private(&path).unwrap();
         let mode = std::fs::metadata(&path).unwrap().permissions().mode();
         assert_eq!(mode & 0o777, 0o600);
-        assert!(make_private(&path).is_err());
     }
 
     #[test]

@@ -166,6 +166,8 @@ pub struct NewArrival {
     pub recruiting: BTreeMap<String, String>,
     /// Where the person comes from, for tables by source.
     pub source: Option<String>,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted, which is possible in each of its states.
     pub is_preview: bool,
     /// Why nobody new may start; who is under way may come back all the same.
@@ -192,6 +194,8 @@ pub struct NewRun {
     pub factor: TimeFactor,
     /// Real or simulated.
     pub population: Population,
+    /// A language other than that of the arrival.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
 }
@@ -247,6 +251,7 @@ impl Store {
         let path = options.path;
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
+        disk::create_private(&path)?;
         open::migrate(&path).await?;
         Self::set_up(Options { path, ..options }, clock, Some(lock)).await
     }
@@ -407,6 +412,7 @@ impl Store {
             platform_key,
             recruiting,
             source: arrival.source,
+            language: arrival.language,
             is_preview: arrival.is_preview,
             refusal: arrival.refusal,
             at: self.now(),
@@ -432,6 +438,7 @@ impl Store {
             refusal: run.refusal,
             factor: run.factor,
             population: run.population,
+            language: run.language,
             is_preview: run.is_preview,
             at: self.now(),
         });

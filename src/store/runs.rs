@@ -28,6 +28,8 @@ pub struct ArrivalView {
     pub study: StudyId,
     /// The link of the run that it led to, if it did.
     pub link: Option<Token>,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
 }
@@ -49,6 +51,8 @@ pub struct RunView {
     pub shows_code: bool,
     /// Real or simulated.
     pub population: Population,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
     /// Extra time.
@@ -196,6 +200,7 @@ struct RunRow {
     is_owner: bool,
     is_finisher: bool,
     is_simulated: bool,
+    language: Option<String>,
     is_preview: bool,
     time_factor: f64,
     started_at_ms: i64,
@@ -218,9 +223,9 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown one, or one of more than a day ago that led nowhere.
     pub async fn arrival(&self, token: &Token) -> Result<ArrivalView, Error> {
-        let row: Option<(String, i64, bool, bool)> = sqlx::query_as(
+        let row: Option<(String, i64, bool, bool, Option<String>)> = sqlx::query_as(
             r#"
-            select study_id, created_at_ms, run_id is not null, is_preview
+            select study_id, created_at_ms, run_id is not null, is_preview, language
             from arrival
             where token_hash = ?
             "#,
@@ -228,7 +233,7 @@ impl Store {
         .bind(token.hash().as_bytes())
         .fetch_optional(&self.pool)
         .await?;
-        let (study, created_at_ms, is_started, is_preview) =
+        let (study, created_at_ms, is_started, is_preview, language) =
             row.ok_or(Error::NotFound("arrival"))?;
         if !is_started && self.now().0 - created_at_ms > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
@@ -237,6 +242,7 @@ impl Store {
         Ok(ArrivalView {
             study: study.into(),
             link,
+            language,
             is_preview,
         })
     }
@@ -250,7 +256,7 @@ impl Store {
             r#"
             select
                 run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run_token.is_finisher, run.is_simulated,
-                run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
+                run.language, run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
                 run.deadline_ms, run.attempts, run.position,
                 (select count(*) from step where step.run_id = run.id) as steps,
                 step.kind, step.block, step.question, step.limit_ms, step.data
@@ -503,6 +509,7 @@ impl RunRow {
             is_owner: self.is_owner,
             shows_code: self.is_owner || self.is_finisher,
             population: Population::from_flag(self.is_simulated),
+            language: self.language,
             is_preview: self.is_preview,
             factor,
             started_at: Timestamp(self.started_at_ms),

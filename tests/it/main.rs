@@ -20,6 +20,7 @@ mod fit;
 mod fit_command;
 mod fit_files;
 mod import;
+mod languages;
 mod predict;
 mod program;
 mod recover;

@@ -9,7 +9,7 @@ pub struct AccountName(String);
 
 /// A text that is no name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a name has 1 to 64 printable characters, and is not `nobody`, `command` or a token's")]
+#[error("a name has 1 to 64 printable characters, and is neither `nobody` nor `command`")]
 pub struct AccountNameError;
 
 impl AccountName {
@@ -32,9 +32,7 @@ impl FromStr for AccountName {
         let name = text.trim();
         let length = name.chars().count();
         // These stand in the log for others.
-        let lower = name.to_lowercase();
-        let is_taken =
-            ["nobody", "command"].contains(&lower.as_str()) || lower.starts_with("token ");
+        let is_taken = ["nobody", "command"].contains(&name.to_lowercase().as_str());
         if (1..=64).contains(&length) && !name.chars().any(is_unprintable) && !is_taken {
             Ok(Self(name.to_owned()))
         } else {

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value};
 
 use super::{AfterFailure, Assessment, Field, FieldError, Fields, Reply};
+use crate::study::Words;
 
 /// A form as the study file words it.
 #[derive(Debug, Clone)]
@@ -59,12 +60,17 @@ impl FormStep<'_> {
     /// The value of a comprehension check that says how many attempts were made. No field can have this id.
     pub const ATTEMPTS: &'static str = "_attempts";
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let mut values = Map::new();
         let errors: Vec<FieldError> = self
             .fields
             .iter()
-            .flat_map(|field| field.read(fields, &mut values).err().unwrap_or_default())
+            .flat_map(|field| {
+                field
+                    .read(fields, words, &mut values)
+                    .err()
+                    .unwrap_or_default()
+            })
             .collect();
         if !errors.is_empty() {
             return Err(errors);

@@ -99,6 +99,7 @@ pub(super) async fn start(
         refusal: None,
         factor: TimeFactor::ONE,
         population: settings.population,
+        language: None,
         is_preview: true,
     };
     let started = store.start(&token, run).await?;
