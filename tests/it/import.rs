@@ -197,6 +197,31 @@ b,explicit/untimed/high,stop,answered,,soon
 }
 
 #[tokio::test]
+async fn no_row_is_dropped_and_no_end_is_taken_for_another_unless_a_mapping_says_so() {
+    let place = Place::new().await;
+    let csv = "participant,problem,action,run_state
+a,explicit/untimed/low,stop,completed
+a,,stop,completed
+b,explicit/untimed/low,stop,screened_out
+c,explicit/untimed/low,stop,withdrawn
+";
+    let told = place.imports(csv, None).unwrap_err();
+    for expected in [
+        "3 cells",
+        "line 3, column problem: found ``; allowed: baseline:",
+        "line 4, column run_state: found `screened_out`; allowed: completed, active",
+        "line 5, column run_state: found `withdrawn`",
+    ] {
+        assert!(told.contains(expected), "{expected} in {told}");
+    }
+    let mapping = "[values.run_state]\nscreened_out = \"active\"\nwithdrawn = \"active\"";
+    let whole = csv.replace("a,,stop,completed\n", "");
+    place.imports(&whole, Some(mapping)).unwrap();
+    assert_eq!(place.answers().await.len(), 3);
+    place.store.close().await;
+}
+
+#[tokio::test]
 async fn what_was_exported_is_imported_elsewhere_with_the_same_counts() {
     let here = Place::new().await;
     here.imports(LONG, None).unwrap();
