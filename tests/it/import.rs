@@ -3,9 +3,10 @@
 use riskaware::{
     clock::Clock,
     jobs::Catalogue,
-    store::{AnswerKey, AnswerRow, AnswerStatus, Options, Population, Store},
+    store::{AnswerKey, AnswerRow, AnswerStatus, Error, ImportedRun, Options, Population, Store},
     study,
 };
+use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use tempfile::TempDir;
 
 use crate::program::{riskaware, stderr, stdout};
@@ -218,6 +219,31 @@ c,explicit/untimed/low,stop,withdrawn
     let whole = csv.replace("a,,stop,completed\n", "");
     place.imports(&whole, Some(mapping)).unwrap();
     assert_eq!(place.answers().await.len(), 3);
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn runs_are_judged_before_the_database_is_held() {
+    let place = Place::new().await;
+    let driving = "driving".into();
+    let version = place.store.study(&driving).await.unwrap().version;
+    let file = SqliteConnectOptions::new().filename(place.path("test.db"));
+    let mut other = SqliteConnection::connect_with(&file).await.unwrap();
+    sqlx::query("begin immediate")
+        .execute(&mut other)
+        .await
+        .unwrap();
+    let nobody = ImportedRun {
+        participant: "a".to_owned(),
+        answers: Vec::new(),
+        is_completed: true,
+    };
+    let imported = place
+        .store
+        .import(&driving, version, "lab-2019", vec![nobody])
+        .await;
+    assert!(matches!(imported, Err(Error::Refused(_))), "{imported:?}");
+    other.close().await.unwrap();
     place.store.close().await;
 }
 
