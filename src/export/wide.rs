@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
 use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
-use super::{Export, ExportError, wide_columns};
+use super::{Export, ExportError, bonus, wide_columns};
 use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
 use crate::study::step::Field;
 use crate::study::{Asks, BlockId};
@@ -149,9 +149,7 @@ impl<'a> Row<'a> {
                     .finished_at
                     .map(|at| at.millis_since(participant.started_at)),
             ),
-            WideCell::Bonus => participant
-                .bonus
-                .map_or_else(String::new, |amount| format!("{amount:.2}")),
+            WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Platform => words(participant.platform.as_deref()),
             WideCell::PlatformKey => words(participant.platform_key.as_deref()),
             WideCell::PlatformId => words(

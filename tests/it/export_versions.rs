@@ -134,3 +134,11 @@ async fn a_scale_that_was_changed_scores_nobody_who_answered_before() {
     assert_eq!(after, before);
     app.stop().await;
 }
+
+#[tokio::test]
+async fn a_bonus_has_the_digits_of_its_currency() {
+    let app = with_an_answer().await;
+    assert_eq!(only_row(&bytes(&app, "wide.csv").await)["bonus"], "5");
+    assert_eq!(only_row(&bytes(&app, "bonus.csv").await)["amount"], "5");
+    app.stop().await;
+}
