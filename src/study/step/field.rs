@@ -142,6 +142,19 @@ impl Field {
         Some(if item.reverse { of + 1 - point } else { point })
     }
 
+    /// How many characters a person can write into it.
+    pub(in crate::study) fn max_characters(&self) -> usize {
+        match &self.kind {
+            FieldKind::Text { max_length } | FieldKind::LongText { max_length } => *max_length,
+            FieldKind::Choice { other: true, .. } => Self::OTHER_MAX_LENGTH,
+            FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Choice { other: false, .. }
+            | FieldKind::Choices { .. }
+            | FieldKind::Likert { .. } => 0,
+        }
+    }
+
     /// Whether it, or an item of its scale, is an instructed-response item.
     pub fn is_attention_check(&self) -> bool {
         match &self.kind {
@@ -263,7 +276,7 @@ impl Field {
                     ))
                 })?,
             FieldKind::Text { max_length } | FieldKind::LongText { max_length } => {
-                Value::from(self.check_length(given, *max_length)?)
+                Value::from(self.within(given, *max_length)?)
             }
             FieldKind::Choice { options, other } => {
                 let is_other = *other && given == Self::OTHER;
@@ -275,7 +288,7 @@ impl Field {
                         .get(&self.other_name())
                         .map_or("", |text| text.trim());
                     if !words.is_empty() {
-                        let words = self.check_length(words, Self::OTHER_MAX_LENGTH)?;
+                        let words = self.within(words, Self::OTHER_MAX_LENGTH)?;
                         values.insert(self.other_name(), Value::from(words));
                     }
                 }
@@ -364,7 +377,10 @@ impl Field {
         }
     }
 
-    fn check_length<'a>(&self, text: &'a str, max_length: usize) -> Result<&'a str, FieldError> {
+    /// The text if it is not too long. A form posts a line's end as two characters; the page's own limit and the data
+    /// have one.
+    fn within(&self, text: &str, max_length: usize) -> Result<String, FieldError> {
+        let text = text.replace("\r\n", "\n");
         let length = text.chars().count();
         if length > max_length {
             return Err(self.error(format!(
