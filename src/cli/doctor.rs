@@ -34,16 +34,17 @@ struct Report {
 /// Examines the database and says what it found; the status is 1 where something has to be done.
 ///
 /// # Errors
-/// When there is no such file, or it is no database.
+/// When there is no such file.
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { database, json } = arguments;
     let mut findings = store::examine(&database, Clock::start())
         .await
         .with_context(|| format!("examining {}", database.display()))?;
-    let is_current = findings
-        .iter()
-        .any(|finding| finding.check == "schema" && finding.health == Health::Sound);
-    if is_current {
+    let is_sound = |check: &str| {
+        let mut found = findings.iter().filter(|finding| finding.check == check);
+        found.any(|finding| finding.health == Health::Sound)
+    };
+    if is_sound("schema") && is_sound("integrity") {
         findings.push(fits(&database).await?);
     }
     let report = Report {

@@ -136,6 +136,7 @@ impl Batch {
             platform_key: arrive.platform_key.clone(),
             recruiting: arrive.recruiting.clone(),
             source: arrive.source.clone(),
+            language: arrive.language.clone(),
             is_preview: arrive.is_preview,
             at: arrive.at.0,
         });
@@ -244,6 +245,7 @@ impl Batch {
             platform_key: arrival.platform_key.filter(|_| !is_preview),
             recruiting: arrival.recruiting,
             source: arrival.source,
+            language: start.language.clone().or(arrival.language),
             is_simulated: start.population.is_simulated(),
             is_preview,
             time_factor: start.factor.get(),
@@ -530,14 +532,12 @@ impl Batch {
 }
 
 fn require_open(study: &StudyId, state: StudyState) -> Result<(), Error> {
-    let closed = |state| Error::Closed {
-        study: study.to_string(),
-        state,
-    };
     match state {
         StudyState::Open => Ok(()),
-        StudyState::Draft => Err(closed("being prepared")),
-        StudyState::Paused | StudyState::Closed => Err(closed(state.as_str())),
+        StudyState::Draft | StudyState::Paused | StudyState::Closed => Err(Error::Closed {
+            study: study.to_string(),
+            state,
+        }),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 use super::OpenError;
@@ -42,6 +42,24 @@ impl Lock {
             Err(TryLockError::WouldBlock) => Err(OpenError::InUse(database.to_owned())),
             Err(TryLockError::Error(source)) => Err(OpenError::Lock { path, source }),
         }
+    }
+}
+
+/// Makes the file of a new database, for its owner alone to read: it will hold answers, ids and the server's secret. SQLite
+/// gives its log the same rights.
+pub(super) fn create_private(database: &Path) -> Result<(), OpenError> {
+    let made = File::options()
+        .create_new(true)
+        .write(true)
+        .mode(0o600)
+        .open(database);
+    match made {
+        Ok(_) => Ok(()),
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Ok(()),
+        Err(source) => Err(OpenError::Folder {
+            path: database.to_owned(),
+            source,
+        }),
     }
 }
 

@@ -74,10 +74,32 @@ const RESTORE: &str =
 /// Examines a database, also while a server uses it. Nothing is changed.
 ///
 /// # Errors
-/// When there is no such file, or it cannot be read as a database at all.
+/// When there is no such file.
 pub async fn examine(database: &Path, clock: Clock) -> Result<Vec<Finding>, OpenError> {
     open::require_file(database)?;
     let mut findings = vec![place(database), name(database)];
+    // A damaged file can fail at any question that it is asked.
+    if let Err(error) = look_inside(database, clock, &mut findings).await {
+        findings.push(Finding::wrong(
+            "reading",
+            format!("it cannot be read through: {}", with_cause(&error)),
+            RESTORE,
+        ));
+    }
+    Ok(findings)
+}
+
+/// An error with what SQLite said.
+fn with_cause(error: &OpenError) -> String {
+    let cause = std::error::Error::source(error).map(ToString::to_string);
+    cause.map_or_else(|| error.to_string(), |cause| format!("{error}: {cause}"))
+}
+
+async fn look_inside(
+    database: &Path,
+    clock: Clock,
+    findings: &mut Vec<Finding>,
+) -> Result<(), OpenError> {
     let mut connection = open::reading_connection(database).await?;
     let failed = open::at(database);
     let schema = open::schema(&mut connection).await.map_err(&failed)?;
@@ -139,7 +161,7 @@ pub async fn examine(database: &Path, clock: Clock) -> Result<Vec<Finding>, Open
         ));
         store.close().await;
     }
-    Ok(findings)
+    Ok(())
 }
 
 fn place(database: &Path) -> Finding {
@@ -194,12 +216,11 @@ fn agreement(check: &'static str, sound: &str, found: Result<Vec<Disagreement>, 
             let first = &disagreements[0];
             Finding::wrong(
                 check,
+                // Not what was expected and found: that is what people answered, and this text is passed on.
                 format!(
-                    "{} disagreements; the first: {}: expected {}, found {}",
+                    "{} disagreements; the first: {}",
                     disagreements.len(),
-                    first.place,
-                    first.expected,
-                    first.found
+                    first.place
                 ),
                 "make a backup, report it as a bug with this text, and do not analyse these answers until it is settled",
             )

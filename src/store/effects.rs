@@ -44,6 +44,7 @@ pub(super) struct NewArrivalRow {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) language: Option<String>,
     pub(super) is_preview: bool,
     pub(super) at: i64,
 }
@@ -57,6 +58,7 @@ pub(super) struct NewRunRow {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) language: Option<String>,
     pub(super) is_simulated: bool,
     pub(super) is_preview: bool,
     pub(super) time_factor: f64,
@@ -232,11 +234,13 @@ impl Effects {
         sqlx::query(
             r#"
             insert into arrival (
-                token_hash, study_id, platform, platform_key, recruiting, source, is_preview, created_at_ms
+                token_hash, study_id, platform, platform_key, recruiting, source, language, is_preview,
+                created_at_ms
             )
             select
                 unhex(value ->> 'token'), value ->> 'study_id', value ->> 'platform', value ->> 'platform_key',
-                value ->> 'recruiting', value ->> 'source', value ->> 'is_preview', value ->> 'at'
+                value ->> 'recruiting', value ->> 'source', value ->> 'language', value ->> 'is_preview',
+                value ->> 'at'
             from json_each(?)
             "#,
         )
@@ -253,7 +257,7 @@ impl Effects {
         sqlx::query(
             r#"
             insert into run (
-                id, study_id, version_id, state, position, platform, platform_key, recruiting, source,
+                id, study_id, version_id, state, position, platform, platform_key, recruiting, source, language,
                 is_simulated, is_preview, time_factor, condition, expires_at_ms, started_at_ms
             )
             select
@@ -266,7 +270,7 @@ impl Effects {
                     and study_version.study_id = new.value ->> 'study_id'
                 ),
                 'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
-                new.value ->> 'source', new.value ->> 'is_simulated', new.value ->> 'is_preview',
+                new.value ->> 'source', new.value ->> 'language', new.value ->> 'is_simulated', new.value ->> 'is_preview',
                 new.value ->> 'time_factor', new.value ->> 'condition', new.value ->> 'expires_at',
                 new.value ->> 'at'
             from json_each(?) as new

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::CopyError;
+use super::{CopyError, StudyState};
 use crate::study::NotAdmitted;
 
 /// Why the store did not do what it was asked for.
@@ -21,12 +21,12 @@ pub enum Error {
     #[error("the database is busy, try again in a moment")]
     Busy,
     /// The study takes nobody in at the moment.
-    #[error("study {study} is {state}")]
+    #[error("study {study} is {}", in_words(*.state))]
     Closed {
         /// The study's id.
         study: String,
         /// What it is instead of open.
-        state: &'static str,
+        state: StudyState,
     },
     /// The study takes people in, but not this one or not now.
     #[error("{0}")]
@@ -87,6 +87,13 @@ pub(super) fn fault(err: &sqlx::Error) -> Fault {
         sqlx::Error::PoolTimedOut => Fault::Busy,
         sqlx::Error::Io(_) | sqlx::Error::PoolClosed | sqlx::Error::WorkerCrashed => Fault::Disk,
         _ => Fault::Statement,
+    }
+}
+
+fn in_words(state: StudyState) -> &'static str {
+    match state {
+        StudyState::Draft => "being prepared",
+        StudyState::Open | StudyState::Paused | StudyState::Closed => state.as_str(),
     }
 }
 

@@ -324,6 +324,7 @@ async fn begin(
             platform_key: Some(key.clone()),
             recruiting: None,
             source: Some(import.source.clone()),
+            language: None,
             is_simulated: false,
             is_preview: false,
             time_factor: TimeFactor::ONE.get(),

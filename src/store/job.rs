@@ -83,6 +83,7 @@ pub(super) struct Arrive {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) language: Option<String>,
     pub(super) is_preview: bool,
     pub(super) refusal: Option<NotAdmitted>,
     pub(super) at: Timestamp,
@@ -101,6 +102,7 @@ pub(super) struct Start {
     pub(super) refusal: Option<NotAdmitted>,
     pub(super) factor: TimeFactor,
     pub(super) population: Population,
+    pub(super) language: Option<String>,
     pub(super) is_preview: bool,
     pub(super) at: Timestamp,
 }

@@ -53,6 +53,7 @@ pub(super) struct LoadedArrival {
     pub(super) platform_key: Option<String>,
     pub(super) recruiting: Option<String>,
     pub(super) source: Option<String>,
+    pub(super) language: Option<String>,
     pub(super) is_preview: bool,
     pub(super) created_at: Timestamp,
     /// The run that this arrival started or resumed before.
@@ -359,6 +360,7 @@ struct ArrivalRow {
     platform_key: Option<String>,
     recruiting: Option<String>,
     source: Option<String>,
+    language: Option<String>,
     is_preview: bool,
     created_at_ms: i64,
     own_id: Option<RunId>,
@@ -384,7 +386,8 @@ pub(super) async fn arrivals(
         r#"
         select
             asked.key as ordinal, arrival.study_id, study.state as study_state, arrival.platform,
-            arrival.platform_key, arrival.recruiting, arrival.source, arrival.is_preview, arrival.created_at_ms,
+            arrival.platform_key, arrival.recruiting, arrival.source, arrival.language, arrival.is_preview,
+            arrival.created_at_ms,
             own.id as own_id, own.state as own_state, run_token.is_owner as own_is_owner,
             person.id as person_id, person.state as person_state
         from json_each(?) as asked
@@ -427,6 +430,7 @@ pub(super) async fn arrivals(
                 platform_key: row.platform_key,
                 recruiting: row.recruiting,
                 source: row.source,
+                language: row.language,
                 is_preview: row.is_preview,
                 created_at: Timestamp(row.created_at_ms),
                 own: found(row.own_id, row.own_state, row.own_is_owner.unwrap_or(false))?,

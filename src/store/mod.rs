@@ -13,6 +13,8 @@
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
+//! * `progress`, `quality`, `sources`: what researchers watch while a study runs: steps, times, participants and what is notable
+//!   about them,
 //! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
 //! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
@@ -37,9 +39,12 @@ mod load;
 mod names;
 mod open;
 mod participants;
+mod progress;
+mod quality;
 mod rules;
 mod runs;
 mod sharing;
+mod sources;
 mod studies;
 mod token;
 mod withdraw;
@@ -80,8 +85,11 @@ pub use names::{
     Verdict, VersionId,
 };
 pub use participants::{ParticipantRow, StepAnswer};
+pub use progress::{LEFT_AFTER_MS, StepProgress};
+pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, WatchedParticipant};
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount, draw_run, drawn_step};
+pub use sources::SourceCount;
 pub use studies::{StudyRow, StudyVersion};
 pub use token::{Token, TokenError, TokenHash};
 
@@ -158,6 +166,8 @@ pub struct NewArrival {
     pub recruiting: BTreeMap<String, String>,
     /// Where the person comes from, for tables by source.
     pub source: Option<String>,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted, which is possible in each of its states.
     pub is_preview: bool,
     /// Why nobody new may start; who is under way may come back all the same.
@@ -184,6 +194,8 @@ pub struct NewRun {
     pub factor: TimeFactor,
     /// Real or simulated.
     pub population: Population,
+    /// A language other than that of the arrival.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
 }
@@ -239,6 +251,7 @@ impl Store {
         let path = options.path;
         disk::require_trustworthy(&path)?;
         let lock = Lock::take(&path)?;
+        disk::create_private(&path)?;
         open::migrate(&path).await?;
         Self::set_up(Options { path, ..options }, clock, Some(lock)).await
     }
@@ -399,6 +412,7 @@ impl Store {
             platform_key,
             recruiting,
             source: arrival.source,
+            language: arrival.language,
             is_preview: arrival.is_preview,
             refusal: arrival.refusal,
             at: self.now(),
@@ -424,6 +438,7 @@ impl Store {
             refusal: run.refusal,
             factor: run.factor,
             population: run.population,
+            language: run.language,
             is_preview: run.is_preview,
             at: self.now(),
         });
@@ -506,6 +521,22 @@ impl Store {
         }
         let now = self.now();
         self.wait_for(|ticket| Job::Rare(Rare::Withdraw(view.run, now, ticket)))
+            .await
+    }
+
+    /// Erases a run as [`Store::withdraw`] does, for somebody who asked for it in another way than by their link.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study.
+    pub async fn erase(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<(), Error> {
+        self.run_state(study, population, run).await?;
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::Withdraw(run, now, ticket)))
             .await
     }
 

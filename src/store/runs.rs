@@ -27,6 +27,8 @@ pub struct ArrivalView {
     pub study: StudyId,
     /// The link of the run that it led to, if it did.
     pub link: Option<Token>,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
 }
@@ -48,6 +50,8 @@ pub struct RunView {
     pub shows_code: bool,
     /// Real or simulated.
     pub population: Population,
+    /// The language of the texts, where the study has several.
+    pub language: Option<String>,
     /// A look at the study that is never counted.
     pub is_preview: bool,
     /// Extra time.
@@ -195,6 +199,7 @@ struct RunRow {
     is_owner: bool,
     is_finisher: bool,
     is_simulated: bool,
+    language: Option<String>,
     is_preview: bool,
     time_factor: f64,
     started_at_ms: i64,
@@ -217,9 +222,9 @@ impl Store {
     /// # Errors
     /// `NotFound` for an unknown one, or one of more than a day ago that led nowhere.
     pub async fn arrival(&self, token: &Token) -> Result<ArrivalView, Error> {
-        let row: Option<(String, i64, bool, bool)> = sqlx::query_as(
+        let row: Option<(String, i64, bool, bool, Option<String>)> = sqlx::query_as(
             r#"
-            select study_id, created_at_ms, run_id is not null, is_preview
+            select study_id, created_at_ms, run_id is not null, is_preview, language
             from arrival
             where token_hash = ?
             "#,
@@ -227,7 +232,7 @@ impl Store {
         .bind(token.hash().as_bytes())
         .fetch_optional(&self.pool)
         .await?;
-        let (study, created_at_ms, is_started, is_preview) =
+        let (study, created_at_ms, is_started, is_preview, language) =
             row.ok_or(Error::NotFound("arrival"))?;
         if !is_started && self.now().0 - created_at_ms > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
@@ -236,6 +241,7 @@ impl Store {
         Ok(ArrivalView {
             study: study.into(),
             link,
+            language,
             is_preview,
         })
     }
@@ -249,7 +255,7 @@ impl Store {
             r#"
             select
                 run.id, run.study_id, run.version_id, run.state, run_token.is_owner, run_token.is_finisher, run.is_simulated,
-                run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
+                run.language, run.is_preview, run.time_factor, run.started_at_ms, run.finished_at_ms, run.shown_at_ms,
                 run.deadline_ms, run.attempts, run.position,
                 (select count(*) from step where step.run_id = run.id) as steps,
                 step.kind, step.block, step.question, step.limit_ms, step.data
@@ -294,6 +300,34 @@ impl Store {
                 (Some(_) | None, Some(_)) => return Ok(view),
             }
         }
+    }
+
+    /// How far a run of a study is, by its number.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study, and for previews.
+    pub async fn run_state(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<RunState, Error> {
+        let state: Option<String> = sqlx::query_scalar(
+            r#"
+            select state
+            from run
+            where id = ? and study_id = ? and is_simulated = ? and is_preview = 0
+            "#,
+        )
+        .bind(run)
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_optional(&self.pool)
+        .await?;
+        let state = state.ok_or(Error::NotFound("participant"))?;
+        Ok(state
+            .parse()
+            .map_err(|err| sqlx::Error::Decode(Box::new(err)))?)
     }
 
     /// A step of a run that is closed or current, to read a form with that was sent for it.
@@ -471,6 +505,7 @@ impl RunRow {
             is_owner: self.is_owner,
             shows_code: self.is_owner || self.is_finisher,
             population: Population::from_flag(self.is_simulated),
+            language: self.language,
             is_preview: self.is_preview,
             factor,
             started_at: Timestamp(self.started_at_ms),

@@ -7,13 +7,19 @@ use super::step::{
 };
 use super::{
     Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, LevelId,
-    PaperFigure, ParseError, Recruiting, RedirectTarget, Sequential, StudyId, parse,
+    PaperFigure, ParseError, Recruiting, RedirectTarget, Sequential, StudyId, Words, parse,
 };
 use crate::model::ChoiceModel;
 
 /// A study as its file describes it, checked as a whole.
 #[derive(Debug, Clone)]
 pub struct Study {
+    /// The first is that of the file's own texts; a translation has one alone.
+    pub(super) languages: Vec<String>,
+    /// The study in its other languages, in their order.
+    pub(super) translations: Vec<Study>,
+    pub(super) untranslated: Vec<String>,
+    pub(super) words: Words,
     pub(super) text: String,
     pub(super) hash: String,
     pub(super) id: StudyId,
@@ -59,6 +65,41 @@ impl Study {
     /// depends on a faulty part is looked at only when that is right.
     pub fn check(file_name: &str, text: &str) -> Result<Self, Vec<ParseError>> {
         parse::study(file_name, text)
+    }
+
+    /// The languages in which it can be taken, as tags such as `de`; that of the file's own texts first. A
+    /// [translation](Study::in_language) tells its own language alone.
+    pub fn languages(&self) -> &[String] {
+        &self.languages
+    }
+
+    /// The language of its texts.
+    pub fn language(&self) -> &str {
+        &self.words.language
+    }
+
+    /// The study with the texts of another language: the same ids, steps and problems, and the file's own texts where
+    /// one is not translated. Itself for a language that it does not have.
+    pub fn in_language(&self, language: &str) -> &Self {
+        let mut translations = self.translations.iter();
+        let found = translations.find(|study| study.language() == language);
+        found.unwrap_or(self)
+    }
+
+    /// The paths of the file's texts that this translation lacks; nothing in the file's own language.
+    pub fn untranslated(&self) -> &[String] {
+        &self.untranslated
+    }
+
+    /// Whether the program has words of its own for this language; where not, they are English unless the study file
+    /// words them anew.
+    pub fn has_page_words(&self) -> bool {
+        Words::has_catalogue(self.language())
+    }
+
+    /// What the program itself says on the pages of this study.
+    pub fn words(&self) -> &Words {
+        &self.words
     }
 
     /// The study's id, which its links carry.

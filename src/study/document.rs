@@ -14,6 +14,15 @@ pub(super) struct Document<'t> {
     file: &'t str,
     text: &'t str,
     root: Spanned<DeTable<'t>>,
+    /// Set where texts of another language stand in place of the file's own.
+    translation: Option<Translation>,
+}
+
+/// Which texts come from where.
+struct Translation {
+    language: String,
+    /// The paths of texts, each with the path of the text in its place.
+    replaced: Vec<(KeyPath, KeyPath)>,
 }
 
 /// Where a key stands, from the root of the file.
@@ -58,20 +67,52 @@ impl KeyPath {
         }
     }
 
+    /// The path without ids and numbers: `block[].field[].label`.
+    pub(super) fn pattern(&self) -> String {
+        let mut pattern = String::new();
+        for segment in &self.0 {
+            match segment {
+                Segment::Key(_) if !pattern.is_empty() => pattern.push('.'),
+                Segment::Key(_) | Segment::Index(_) => {}
+            }
+            match segment {
+                Segment::Key(key) => pattern.push_str(key),
+                Segment::Index(_) => pattern.push_str("[]"),
+            }
+        }
+        pattern
+    }
+
     fn with(&self, segment: Segment) -> Self {
         Self(self.0.iter().cloned().chain([segment]).collect())
+    }
+}
+
+/// What TOML does not allow, with the piece of text that it is about where that is short.
+fn invalid_toml(text: &str, error: &toml::de::Error) -> String {
+    let piece = error.span().and_then(|span| text.get(span));
+    match piece.map(str::trim) {
+        Some(piece) if (1..=40).contains(&piece.len()) && !piece.contains('\n') => {
+            format!("invalid TOML: {} at `{piece}`", error.message())
+        }
+        Some(_) | None => format!("invalid TOML: {}", error.message()),
     }
 }
 
 impl<'t> Document<'t> {
     pub(super) fn parse(file: &'t str, text: &'t str) -> Result<Self, ParseError> {
         match DeTable::parse(text) {
-            Ok(root) => Ok(Self { file, text, root }),
+            Ok(root) => Ok(Self {
+                file,
+                text,
+                root,
+                translation: None,
+            }),
             Err(error) => Err(ParseError {
                 file: file.to_owned(),
                 line: error.span().map(|span| line_at(text, span.start)),
                 key: String::new(),
-                found: format!("invalid TOML: {}", error.message()),
+                found: invalid_toml(text, &error),
                 allowed: "TOML 1.0".to_owned(),
             }),
         }
@@ -84,6 +125,58 @@ impl<'t> Document<'t> {
             DeValue::Table(self.root.get_ref().clone()),
         );
         T::deserialize(ValueDeserializer::from(root)).map_err(|error| self.refuse_type(&error))
+    }
+
+    /// The same file with texts of another language: each text at the first path is the one at the second.
+    pub(super) fn translated(&self, language: &str, replaced: Vec<(KeyPath, KeyPath)>) -> Self {
+        let mut root = self.root.clone();
+        for (own, other) in &replaced {
+            let place = value_mut(root.get_mut(), &own.0);
+            if let (Some(place), Some(text)) = (place, self.value_at(other)) {
+                *place.get_mut() = text.clone();
+            }
+        }
+        Self {
+            file: self.file,
+            text: self.text,
+            root,
+            translation: Some(Translation {
+                language: language.to_owned(),
+                replaced,
+            }),
+        }
+    }
+
+    /// The paths of all values that are neither tables nor lists, in file order.
+    pub(super) fn leaves(&self) -> Vec<KeyPath> {
+        let mut leaves = Vec::new();
+        for (key, value) in self.root.get_ref() {
+            collect_leaves(value, &KeyPath::root().key(key.get_ref()), &mut leaves);
+        }
+        leaves.sort_by_key(|(start, _)| *start);
+        leaves.into_iter().map(|(_, path)| path).collect()
+    }
+
+    /// The names of the keys in the table at `path`, in file order; none where there is no table.
+    pub(super) fn keys_at(&self, path: &KeyPath) -> Vec<String> {
+        let table = self.value_at(path).and_then(|value| value.as_table());
+        let mut keys: Vec<(usize, String)> = table
+            .into_iter()
+            .flatten()
+            .map(|(key, _)| (key.span().start, key.get_ref().to_string()))
+            .collect();
+        keys.sort();
+        keys.into_iter().map(|(_, key)| key).collect()
+    }
+
+    /// Whether a table stands at `path`.
+    pub(super) fn is_table(&self, path: &KeyPath) -> bool {
+        self.value_at(path).is_some_and(|value| value.is_table())
+    }
+
+    /// Whether anything stands at `path`.
+    pub(super) fn has(&self, path: &KeyPath) -> bool {
+        self.value_at(path).is_some()
     }
 
     /// Reads the whole file as a `T`, leaving out the keys at the top that cannot be read: each is one of the errors.
@@ -153,11 +246,30 @@ impl<'t> Document<'t> {
             .walk(&fault.at)
             .last()
             .map(|(span, _)| line_at(self.text, span.start));
+        let found = match &self.translation {
+            None => fault.found.clone(),
+            Some(translation) => {
+                let mut replaced = translation.replaced.iter();
+                if let Some((_, source)) = replaced.find(|(own, _)| *own == fault.at) {
+                    return self.refuse(&Fault {
+                        at: source.clone(),
+                        ..fault.clone()
+                    });
+                }
+                // Where a file's own text is at fault, it is for what a translated value puts into it. What stands
+                // below `text` says by itself which language it is of.
+                if fault.at.0.first() == Some(&Segment::Key("text".to_owned())) {
+                    fault.found.clone()
+                } else {
+                    format!("{} in the language `{}`", fault.found, translation.language)
+                }
+            }
+        };
         ParseError {
             file: self.file.to_owned(),
             line,
             key: self.name(&fault.at),
-            found: fault.found.clone(),
+            found,
             allowed: fault.allowed.clone(),
         }
     }
@@ -235,7 +347,7 @@ impl<'t> Document<'t> {
     }
 
     /// A path as people read it: `block[timed].limit_s`. An element without an id is named by its number.
-    fn name(&self, path: &KeyPath) -> String {
+    pub(super) fn name(&self, path: &KeyPath) -> String {
         let mut name = String::new();
         for (depth, segment) in path.0.iter().enumerate() {
             match segment {
@@ -243,7 +355,11 @@ impl<'t> Document<'t> {
                     if !name.is_empty() {
                         name.push('.');
                     }
-                    name.push_str(key);
+                    if key.contains(['.', '[', '"']) {
+                        name.push_str(&format!("{key:?}"));
+                    } else {
+                        name.push_str(key);
+                    }
                 }
                 Segment::Index(index) => {
                     let prefix = KeyPath(path.0[..=depth].to_vec());
@@ -276,6 +392,48 @@ pub(super) fn list<T: AsRef<str>>(names: impl IntoIterator<Item = T>) -> String 
         .map(|name| format!("`{}`", name.as_ref()))
         .collect();
     names.join(", ")
+}
+
+fn collect_leaves(
+    value: &Spanned<DeValue<'_>>,
+    path: &KeyPath,
+    leaves: &mut Vec<(usize, KeyPath)>,
+) {
+    match value.get_ref() {
+        DeValue::Table(table) => {
+            for (key, value) in table {
+                collect_leaves(value, &path.key(key.get_ref()), leaves);
+            }
+        }
+        DeValue::Array(array) => {
+            for (index, element) in array.iter().enumerate() {
+                collect_leaves(element, &path.index(index), leaves);
+            }
+        }
+        DeValue::String(_)
+        | DeValue::Integer(_)
+        | DeValue::Float(_)
+        | DeValue::Boolean(_)
+        | DeValue::Datetime(_) => leaves.push((value.span().start, path.clone())),
+    }
+}
+
+fn value_mut<'d, 't>(
+    table: &'d mut DeTable<'t>,
+    path: &[Segment],
+) -> Option<&'d mut Spanned<DeValue<'t>>> {
+    let (Segment::Key(key), rest) = path.split_first()? else {
+        return None;
+    };
+    let mut value = table.get_mut(key.as_str())?;
+    for segment in rest {
+        value = match (segment, value.get_mut()) {
+            (Segment::Key(key), DeValue::Table(table)) => table.get_mut(key.as_str())?,
+            (Segment::Index(index), DeValue::Array(array)) => array.get_mut(*index)?,
+            (Segment::Key(_) | Segment::Index(_), _) => return None,
+        };
+    }
+    Some(value)
 }
 
 fn search_table(

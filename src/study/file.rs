@@ -19,6 +19,10 @@ pub(super) struct RawStudy {
     #[serde(default)]
     pub(super) open: bool,
     pub(super) id: String,
+    #[expect(dead_code, reason = "read from the tree, by `parse::languages`")]
+    pub(super) languages: Option<IgnoredAny>,
+    #[expect(dead_code, reason = "read from the tree, by `parse::languages`")]
+    pub(super) text: Option<IgnoredAny>,
     pub(super) title: String,
     pub(super) summary: String,
     pub(super) minutes: u32,

@@ -12,8 +12,10 @@
 //! * `draw`: a run's list of steps; `bonus`: what is paid for them; `contents`: what each block shows and asks,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
+//! * `words`: what the program itself says on participants' pages, in each language,
 //! * `parse`: from text to [`Study`], with `file` (the keys), `document` (where a key stands), `template` and `markup`
 //!   (texts),
+//! * `structure`: what translations leave as it is,
 //! * `outline`: what a run consists of and how long it takes,
 //! * `built_in`: the studies compiled into the program.
 
@@ -32,12 +34,15 @@ mod instructed;
 mod markup;
 mod outline;
 mod parse;
+mod participants_paragraph;
 mod plan;
 mod recruiting;
 mod sequential;
 pub mod step;
+mod structure;
 mod template;
 mod timing;
+mod words;
 
 pub use bonus::{Bonus, BonusTerms, DrawnChoice, PayableChoice, draw as draw_bonus};
 pub use built_in::{built_in, starter};
@@ -55,6 +60,7 @@ pub use id::{
 };
 pub use instructed::InstructedItem;
 pub use outline::{DURATION_RULE, OutlinedStep, WORDS_PER_MINUTE};
+pub use participants_paragraph::ParticipantFacts;
 pub use plan::{
     FitPlan, FitSettings, MeanSd, PaperFigure, PlanPart, PriorChange, Priors, Weighting,
 };
@@ -64,3 +70,4 @@ pub use recruiting::{
 pub use sequential::{KeyInterval, Sequential, StoppingRule};
 pub use step::{Reply, Step, StepError};
 pub use timing::{Arrival, DEFAULT_GRACE_MS, Deadline, TimeFactor, TimeFactorError, Timestamp};
+pub use words::Words;

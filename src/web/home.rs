@@ -8,7 +8,7 @@ use axum::{Extension, Router, extract::State, routing::get};
 
 use super::{
     AppState, Error, Settings,
-    access::Caller,
+    access::{Caller, Need},
     accounts::{Bar, Who},
     assets,
 };
@@ -28,6 +28,8 @@ struct HomePage {
     studies: Vec<Entry>,
     simulated: bool,
     access: &'static str,
+    /// Whether the researchers' pages may be open to whoever reads this.
+    leads_to_studies: bool,
     bar: Bar,
 }
 
@@ -59,10 +61,12 @@ async fn home(
             is_open: is(study.id(), StudyState::Open),
         })
         .collect();
+    let has_accounts = store.has_accounts().await?;
     Ok(HomePage {
         studies,
         simulated: settings.population.is_simulated(),
-        access: settings.access(store.has_accounts().await?),
+        access: settings.access(has_accounts),
+        leads_to_studies: !has_accounts || caller.may(Need::Results),
         bar: Bar::of(&store, &caller).await?,
     })
 }

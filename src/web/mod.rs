@@ -15,6 +15,7 @@ mod problem;
 mod replays;
 mod results;
 mod server;
+mod studies;
 
 use std::{
     net::{IpAddr, SocketAddr},
@@ -131,6 +132,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .merge(participant::router())
         .merge(replays::router())
         .merge(accounts::router())
+        .merge(studies::router())
         .merge(results::router())
         .merge(api::router())
         .merge(api::router_of_pages())

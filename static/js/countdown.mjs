@@ -16,6 +16,7 @@ export class Countdown {
     if (!(this.limit > 0) || !Number.isFinite(this.remaining)) throw new Error("countdown without its times");
     this.stepped = matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.unspoken = spoken.filter((second) => second * 1000 < this.remaining);
+    this.words = element.dataset;
     this.done = false;
 
     this.form.addEventListener("submit", () => (this.done = true));
@@ -47,7 +48,7 @@ export class Countdown {
   announce(whole) {
     if (this.unspoken.length === 0 || whole > this.unspoken[0]) return;
     const second = this.unspoken.shift();
-    this.say(`${second} seconds left`);
+    this.say(this.words.secondsLeft.replace("{seconds}", String(second)));
   }
 
   say(text) {
@@ -59,7 +60,7 @@ export class Countdown {
     this.seconds.textContent = "0 s";
     this.bar.style.setProperty("--fraction", "0");
     this.element.dataset.ended = "";
-    this.say("Time is up. The next question follows.");
+    this.say(this.words.timeUp);
     const field = document.createElement("input");
     field.type = "hidden";
     field.name = "timed_out";

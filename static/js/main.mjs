@@ -8,6 +8,7 @@ const loaders = {
   countdown: async () => (await import("./countdown.mjs")).Countdown,
   pending: async () => (await import("./pending.mjs")).Pending,
   sweeps: async () => (await import("./sweeps.mjs")).Sweeps,
+  watch: async () => (await import("./watch.mjs")).Watch,
   live: async () => (await import("./live.mjs")).Live,
   replays: async () => (await import("./replays.mjs")).Replays,
 };

@@ -2,13 +2,11 @@ import { deliver } from "./delivery.mjs";
 import { forget, keep, kept } from "./pending-store.mjs";
 
 const quietMs = 300;
-const words = {
-  saving: "Saving…",
-  network: "No connection. Your answer is kept and will be sent again.",
-  busy: "The server is busy. Your answer is kept and will be sent again.",
-};
 
-/** Sends the form of a participant page once, keeps it until the server has it, and goes on to the next page. */
+/**
+ * Sends the form of a participant page once, keeps it until the server has it, and goes on to the next page. What it
+ * says of it stands in the form's `data-saving`, `data-network` and `data-busy`.
+ */
 export class Pending {
   constructor(form) {
     this.form = form;
@@ -63,7 +61,7 @@ export class Pending {
   }
 
   tell(state) {
-    this.status.textContent = words[state];
+    this.status.textContent = this.form.dataset[state];
     this.status.dataset.state = state === "saving" ? "saving" : "waiting";
   }
 }

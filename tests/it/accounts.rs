@@ -307,6 +307,7 @@ async fn every_route_answers_each_asker_as_its_need_says() {
             .replace("{study}", "driving")
             .replace("{fit}", "1")
             .replace("{account}", "999")
+            .replace("{run}", "999")
             .replace("{token}", "999");
         let is_post = path.ends_with("/predict") || path.ends_with("/public");
         for asker in [

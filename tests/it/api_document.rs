@@ -118,7 +118,9 @@ fn every_operation_tells_what_may_go_wrong_and_what_a_token_needs() {
                     "{name} {status}"
                 );
             }
-            let is_data = path.contains("/answers") || path.contains("/export");
+            let is_data = ["/answers", "/export", "/participants"]
+                .iter()
+                .any(|part| path.contains(part));
             let scope = if is_data { "data" } else { "results" };
             assert_eq!(
                 operation["security"],

@@ -46,6 +46,7 @@ pub async fn completes(
         time_limit_ms: None,
         refusal: None,
         factor: TimeFactor::ONE,
+        language: None,
         population: Population::People,
         is_preview: false,
     };

@@ -3,5 +3,6 @@
 mod cups;
 mod driving;
 mod lab;
+pub mod languages;
 mod refused;
 mod sequential;

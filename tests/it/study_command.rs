@@ -140,6 +140,26 @@ fn a_study_without_consent_or_attention_check_is_warned_of() {
     assert!(report.contains("no attention check"), "{report}");
 }
 
+#[test]
+fn the_check_lists_what_is_not_translated() {
+    let rain = include_str!("../data/languages.toml");
+    let (status, report) = check("rain.toml", rain, &[]);
+    assert_eq!(status, Some(0), "{report}");
+    assert!(!report.contains("language de"), "{report}");
+    let partly = rain
+        .replacen("\"block[about].title\" = \"Worum es geht\"\n", "", 1)
+        .replacen("[\"en\", \"de\"]", "[\"en\", \"de\", \"nl\"]", 1);
+    let (status, report) = check("rain.toml", &partly, &[]);
+    assert_eq!(status, Some(0), "{report}");
+    for warning in [
+        "language de: 1 text is shown in `en`, since [text.de] lacks block[about].title",
+        "texts are shown in `en`, since [text.nl] lacks title, summary, values.object,",
+        "language nl: the program has no words of its own for it",
+    ] {
+        assert!(report.contains(warning), "{warning} is not in {report}");
+    }
+}
+
 const DOCUMENT: &str = include_str!("../../docs/STUDY-FORMAT.md");
 const PARSER: &str = include_str!("../../src/study/file.rs");
 

@@ -89,7 +89,7 @@ async fn carry_out(store: &Store, command: UserCommand) -> anyhow::Result<()> {
         UserCommand::Password { name } => {
             let id = store.account_named(name.as_str()).await?.id;
             store
-                .set_password(id, password::hashed().await?, false)
+                .set_password(id, password::hashed().await?, true)
                 .await?;
             record(store, "set a password", name.to_string()).await
         }

@@ -93,7 +93,7 @@ mod tests {
             forms += 1;
             for _ in 0..50 {
                 let fields = fill_in(form.fields, &mut rng).into_iter().collect();
-                let reply = step.read(&fields).unwrap();
+                let reply = step.read(&fields, &crate::study::Words::english()).unwrap();
                 assert!(step.assess(&reply).passes(), "{reply:?}");
             }
         }

@@ -17,6 +17,7 @@ pub(super) fn of(study: &Study) -> Vec<String> {
     let mut warnings = cells(study);
     warnings.extend(parameters(study));
     warnings.extend(texts(study));
+    warnings.extend(languages(study));
     warnings.extend(duration(study));
     warnings.extend(payment(study));
     warnings.extend(sites(study));
@@ -184,6 +185,32 @@ fn texts(study: &Study) -> Vec<String> {
             "completion: a redirect without a fixed `code`; recruiting sites know only codes that they were told"
                 .to_owned(),
         );
+    }
+    warnings
+}
+
+/// Texts that somebody reads in another language than the one that they chose.
+fn languages(study: &Study) -> Vec<String> {
+    let mut warnings = Vec::new();
+    for tag in study.languages() {
+        let translation = study.in_language(tag);
+        let missing = translation.untranslated();
+        if !missing.is_empty() {
+            let noun = match missing.len() {
+                1 => "1 text is",
+                count => &format!("{count} texts are"),
+            };
+            warnings.push(format!(
+                "language {tag}: {noun} shown in `{}`, since [text.{tag}] lacks {}",
+                study.language(),
+                missing.join(", ")
+            ));
+        }
+        if !translation.has_page_words() {
+            warnings.push(format!(
+                "language {tag}: the program has no words of its own for it (buttons, messages, notes); they are English where [text.{tag}] has no `page.…` key"
+            ));
+        }
     }
     warnings
 }

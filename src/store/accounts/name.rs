@@ -9,7 +9,7 @@ pub struct AccountName(String);
 
 /// A text that is no name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a name has 1 to 64 printable characters")]
+#[error("a name has 1 to 64 printable characters, and is neither `nobody` nor `command`")]
 pub struct AccountNameError;
 
 impl AccountName {
@@ -31,7 +31,9 @@ impl FromStr for AccountName {
     fn from_str(text: &str) -> Result<Self, AccountNameError> {
         let name = text.trim();
         let length = name.chars().count();
-        if (1..=64).contains(&length) && !name.chars().any(is_unprintable) {
+        // These stand in the log for others.
+        let is_taken = ["nobody", "command"].contains(&name.to_lowercase().as_str());
+        if (1..=64).contains(&length) && !name.chars().any(is_unprintable) && !is_taken {
             Ok(Self(name.to_owned()))
         } else {
             Err(AccountNameError)

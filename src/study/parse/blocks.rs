@@ -13,6 +13,7 @@ use crate::study::file::{
 };
 use crate::study::step::{Clause, ConsentText, InfoText};
 use crate::study::template::Scope;
+use crate::study::words::Words;
 use crate::study::{Baseline, BlockId, ParseError};
 
 /// The kinds of blocks.
@@ -33,6 +34,7 @@ pub(super) struct Reader<'a> {
     pub(super) document: &'a Document<'a>,
     pub(super) raw: &'a RawStudy,
     pub(super) design: &'a Design<'a>,
+    pub(super) words: &'a Words,
 }
 
 /// Reads every block. What is wrong with one hides nothing of the others.
@@ -40,11 +42,13 @@ pub(super) fn read(
     document: &Document<'_>,
     raw: &RawStudy,
     design: &Design<'_>,
+    words: &Words,
 ) -> Result<Asked, Vec<ParseError>> {
     let reader = Reader {
         document,
         raw,
         design,
+        words,
     };
     let list = KeyPath::root().key("block");
     let mut asked = Asked::default();
@@ -126,7 +130,7 @@ impl Reader<'_> {
             }
             Some("form") => {
                 let raw = self.table(at)?;
-                let (id, form) = forms::read(&raw, &scope, at).map_err(refuse)?;
+                let (id, form) = forms::read(&raw, &scope, self.words, at).map_err(refuse)?;
                 Ok((id, BlockBody::Form(form)))
             }
             Some("choice") => {

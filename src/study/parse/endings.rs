@@ -7,6 +7,7 @@ use crate::study::file::{RawBonus, RawCompletion, RawEnding};
 use crate::study::markup;
 use crate::study::recruiting::redirect::RedirectFault;
 use crate::study::template::Scope;
+use crate::study::words::Words;
 use crate::study::{
     Bonus, CompletionCode, EndingPage, LinkParameter, RecruitingIds, RedirectTarget,
 };
@@ -19,6 +20,7 @@ pub(super) fn read(
     raw: &RawCompletion,
     ids: RecruitingIds,
     scope: &Scope<'_>,
+    words: &Words,
 ) -> Result<Endings, Fault> {
     let at = KeyPath::root().key("completion");
     let code = match &raw.code {
@@ -40,20 +42,20 @@ pub(super) fn read(
         screened_out: other(
             "screened_out",
             &raw.screened_out,
-            "This study looks for other people",
-            "Thank you for your interest. By your answers you are not among the people whom this study asks, so it ends here.",
+            &words.screened_out_title,
+            &words.screened_out_text,
         )?,
         failed_check: other(
             "failed_check",
             &raw.failed_check,
-            "This study ends here",
-            "The questions about the instructions were not answered correctly, so the study cannot go on. Thank you for your time.",
+            &words.failed_check_title,
+            &words.failed_check_text,
         )?,
         timed_out: other(
             "timed_out",
             &raw.timed_out,
-            "The time for this study is over",
-            "The study was not finished in the time that was set for it, and your place was given to somebody else. Thank you for your time.",
+            &words.timed_out_title,
+            &words.timed_out_text,
         )?,
         completed,
     })

@@ -4,8 +4,10 @@ use super::blocks::block_id;
 use super::{fields, rules};
 use crate::study::document::{Fault, KeyPath};
 use crate::study::file::RawForm;
+use crate::study::markup;
 use crate::study::step::{Check, Field, FormStep, FormText};
 use crate::study::template::Scope;
+use crate::study::words::Words;
 
 /// Names that every page's form uses for itself.
 const RESERVED: [&str; 6] = ["step", "key", "action", "input", "consent", "continue"];
@@ -16,14 +18,11 @@ const DEFAULT_ATTEMPTS: u32 = 2;
 /// More attempts than this only let people guess.
 const MOST_ATTEMPTS: u32 = 10;
 
-/// What is said after a wrong attempt if the file does not.
-const DEFAULT_HINT: &str =
-    "At least one of your answers is not right. Please read carefully and answer once more.";
-
 /// Reads a form block: its id and its text.
 pub(super) fn read(
     raw: &RawForm,
     scope: &Scope<'_>,
+    words: &Words,
     at: &KeyPath,
 ) -> Result<(String, FormText), Fault> {
     let id = block_id(&raw.id, at)?;
@@ -48,7 +47,7 @@ pub(super) fn read(
         title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
         text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
         button: rules::filled_line(&raw.button, scope, &at.key("button"))?,
-        check: check(raw, &fields, scope, at)?,
+        check: check(raw, &fields, scope, words, at)?,
         fields,
     };
     Ok((id, form))
@@ -102,6 +101,7 @@ fn check(
     raw: &RawForm,
     fields: &[Field],
     scope: &Scope<'_>,
+    words: &Words,
     at: &KeyPath,
 ) -> Result<Option<Check>, Fault> {
     if !fields.iter().any(|field| field.correct.is_some()) {
@@ -130,10 +130,13 @@ fn check(
             "`end` or `go_on`: what follows the last wrong attempt",
         )
     })?;
-    let hint = raw.hint.as_deref().unwrap_or(DEFAULT_HINT);
+    let hint_html = match &raw.hint {
+        Some(hint) => rules::filled_markdown(hint, scope, &at.key("hint"))?,
+        None => markup::to_html(&words.check_hint),
+    };
     Ok(Some(Check {
         attempts,
-        hint_html: rules::filled_markdown(hint, scope, &at.key("hint"))?,
+        hint_html,
         then,
     }))
 }

@@ -2,7 +2,7 @@
 //!
 //! `rules` for single values, `design` for factors and levels, `problem` for actions, `blocks` with `choices`,
 //! `replays`, `forms` and their `fields`, `conditions` and `recruiting` for who meets them, `endings`, `cells` for what
-//! the questions amount to, `fits` for what is made of the answers,
+//! the questions amount to, `languages` for what stands in place of the file's texts, `fits` for what is made of the answers,
 //! `sequential` for when there are enough of them.
 
 mod blocks;
@@ -14,6 +14,7 @@ mod endings;
 mod fields;
 mod fits;
 mod forms;
+mod languages;
 mod problem;
 mod recruiting;
 mod replays;
@@ -24,10 +25,12 @@ use sha2::{Digest, Sha256};
 
 use self::blocks::Asked;
 use self::design::Design;
+use self::languages::Language;
 use super::definition::{Endings, Include, RewardUnit, Study};
 use super::document::{Document, Fault, KeyPath};
 use super::file::{ActionOrder, RawInclude, RawPriors, RawStudy};
 use super::template::{Scalar, Values};
+use super::words::Words;
 use super::{Bonus, FitSettings, ParseError, Priors, StudyId};
 
 /// The version of the file format that this program reads.
@@ -46,9 +49,53 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
     let one = |error: ParseError| vec![error];
     let document = Document::parse(file_name, text).map_err(one)?;
     check_format(&document).map_err(one)?;
+    let languages = languages::read(&document).map_err(|faults| {
+        let faults = faults.iter().map(|fault| document.refuse(fault));
+        faults.collect::<Vec<ParseError>>()
+    });
+    let (own, others) = match &languages {
+        Ok(languages) => (languages.first(), languages.get(1..).unwrap_or_default()),
+        Err(_) => (None, [].as_slice()),
+    };
+    let study = in_language(&document, text, own.unwrap_or(&Language::default()));
+    let mut study = match (study, &languages) {
+        (Ok(study), Ok(_)) => study,
+        (study, languages) => {
+            let errors = [
+                study.err().unwrap_or_default(),
+                languages.as_ref().err().cloned().unwrap_or_default(),
+            ];
+            return Err(errors.concat());
+        }
+    };
+    for language in others {
+        let document = document.translated(&language.tag, language.texts.clone());
+        let translation = in_language(&document, text, language)?;
+        if translation.structure() != study.structure() {
+            let at = KeyPath::root().key("text").key(&language.tag);
+            let fault = at.fault(
+                "values that make other questions of the study",
+                "texts that leave ids, steps and problems as they are",
+            );
+            return Err(vec![document.refuse(&fault)]);
+        }
+        study.languages.push(language.tag.clone());
+        study.translations.push(translation);
+    }
+    Ok(study)
+}
+
+/// The study with the texts of one language, alone.
+fn in_language(
+    document: &Document<'_>,
+    text: &str,
+    language: &Language,
+) -> Result<Study, Vec<ParseError>> {
+    let one = |error: ParseError| vec![error];
+    let words = Words::new(&language.tag, &language.words);
     let (raw, mut errors) = document.read_in_part::<RawStudy>();
     let Some(raw) = raw else {
-        errors.extend(blocks::unreadable(&document));
+        errors.extend(blocks::unreadable(document));
         return Err(errors);
     };
     errors.extend(head_faults(&raw).iter().map(|fault| document.refuse(fault)));
@@ -57,21 +104,26 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
         Ok(design) => design,
         Err(fault) => {
             errors.push(document.refuse(&fault));
-            errors.extend(blocks::unreadable(&document));
+            errors.extend(blocks::unreadable(document));
             return Err(errors);
         }
     };
     let scope = design.scope();
     let endings = keep(
-        endings::read(&raw.completion, recruiting::ids(&raw.recruiting), &scope),
-        &document,
+        endings::read(
+            &raw.completion,
+            recruiting::ids(&raw.recruiting),
+            &scope,
+            &words,
+        ),
+        document,
         &mut errors,
     );
     let bonus = raw.bonus.as_ref().map(endings::bonus).transpose();
-    let bonus = keep(bonus, &document, &mut errors);
-    let asked = blocks::read(&document, &raw, &design);
+    let bonus = keep(bonus, document, &mut errors);
+    let asked = blocks::read(document, &raw, &design, &words);
     let asked = asked.map_err(|faulty| errors.extend(faulty)).ok();
-    let fit = keep(fits::settings(&raw.fit), &document, &mut errors);
+    let fit = keep(fits::settings(&raw.fit), document, &mut errors);
     let parts = (endings, bonus, asked, fit);
     let (Some(endings), Some(bonus), Some(asked), Some(fit)) = parts else {
         return Err(errors);
@@ -85,7 +137,13 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
         asked,
         fit,
     };
-    whole(text, &raw, design, parts).map_err(|fault| one(document.refuse(&fault)))
+    let study = whole(text, &raw, design, parts).map_err(|fault| one(document.refuse(&fault)))?;
+    Ok(Study {
+        languages: vec![language.tag.clone()],
+        untranslated: language.missing.clone(),
+        words,
+        ..study
+    })
 }
 
 /// What was read part by part.
@@ -125,6 +183,10 @@ fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result
     let factors = design.into_factors();
 
     Ok(Study {
+        languages: Vec::new(),
+        translations: Vec::new(),
+        untranslated: Vec::new(),
+        words: Words::english(),
         text: text.to_owned(),
         hash: data_encoding::HEXLOWER.encode(&Sha256::digest(text)),
         id: StudyId::from(raw.id.as_str()),

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{FieldError, Fields, Reply, StepError};
 use crate::model::ChoiceProblem;
-use crate::study::{ActionId, BlockId, CellId, FactorId, LevelId, QuestionId, StepPlan};
+use crate::study::{ActionId, BlockId, CellId, FactorId, LevelId, QuestionId, StepPlan, Words};
 
 /// A question as the study file words it, placeholders filled in.
 #[derive(Debug, Clone)]
@@ -112,7 +112,7 @@ impl<'a> ChoiceStep<'a> {
         })
     }
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let chosen = fields
             .get("action")
             .map(String::as_str)
@@ -135,7 +135,7 @@ impl<'a> ChoiceStep<'a> {
             .collect();
         Err(vec![FieldError {
             field: "action".to_owned(),
-            message: format!("Choose one of these: {}.", labels.join(", ")),
+            message: words.choose_action(&labels.join(", ")),
         }])
     }
 }

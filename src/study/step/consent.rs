@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{FieldError, Fields, Reply};
+use crate::study::Words;
 
 /// A consent step as the study file words it.
 #[derive(Debug, Clone)]
@@ -84,22 +85,19 @@ impl ConsentStep<'_> {
     /// The form field that carries the ticked clauses.
     pub const CLAUSE: &'static str = "clause";
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         match fields.get(Self::FIELD).map(String::as_str) {
             Some(Self::AGREE) if self.clauses.is_empty() => Ok(Reply::Agreed),
-            Some(Self::AGREE) => self.agreed_to(fields),
+            Some(Self::AGREE) => self.agreed_to(fields, words),
             Some(Self::DECLINE) => Ok(Reply::Declined),
             Some(_) | None => Err(vec![FieldError {
                 field: Self::FIELD.to_owned(),
-                message: format!(
-                    "Choose \u{201c}{}\u{201d} or \u{201c}{}\u{201d}.",
-                    self.agree, self.decline
-                ),
+                message: words.choose_decision(self.agree, self.decline),
             }]),
         }
     }
 
-    fn agreed_to(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    fn agreed_to(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let is_ticked = |clause: &Clause| fields.all(Self::CLAUSE).contains(&clause.id);
         let missing: Vec<FieldError> = self
             .clauses
@@ -107,10 +105,7 @@ impl ConsentStep<'_> {
             .filter(|clause| clause.required && !is_ticked(clause))
             .map(|clause| FieldError {
                 field: format!("clause-{}", clause.id),
-                message: format!(
-                    "Nobody can take part without agreeing to this: {}",
-                    clause.text
-                ),
+                message: words.clause_missing(&clause.text),
             })
             .collect();
         if !missing.is_empty() {
@@ -148,6 +143,7 @@ mod tests {
                 .map(|value| ("consent".to_owned(), value.to_owned()))
                 .into_iter()
                 .collect(),
+            &Words::english(),
         )
     }
 
@@ -171,11 +167,17 @@ mod tests {
             ..STEP
         };
         let errors = step
-            .read(&posts(&[("consent", "agree"), ("clause", "archive")]))
+            .read(
+                &posts(&[("consent", "agree"), ("clause", "archive")]),
+                &Words::english(),
+            )
             .unwrap_err();
         assert_eq!(errors.len(), 1);
         assert_eq!(errors[0].field, "clause-adult");
-        let agreed = step.read(&posts(&[("consent", "agree"), ("clause", "adult")]));
+        let agreed = step.read(
+            &posts(&[("consent", "agree"), ("clause", "adult")]),
+            &Words::english(),
+        );
         let expected = [("adult".to_owned(), true), ("archive".to_owned(), false)];
         assert_eq!(
             agreed,
@@ -183,7 +185,7 @@ mod tests {
                 clauses: expected.into()
             })
         );
-        let declined = step.read(&posts(&[("consent", "decline")]));
+        let declined = step.read(&posts(&[("consent", "decline")]), &Words::english());
         assert_eq!(declined, Ok(Reply::Declined));
     }
 

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value};
 
 use super::{FieldError, Fields};
+use crate::study::Words;
 
 /// One field of a form.
 #[derive(Debug, Clone, PartialEq)]
@@ -221,15 +222,16 @@ impl Field {
     pub(super) fn read(
         &self,
         fields: &Fields,
+        words: &Words,
         values: &mut Map<String, Value>,
     ) -> Result<(), Vec<FieldError>> {
         match &self.kind {
             FieldKind::Likert { points, items } => {
-                return self.read_items(points.len(), items, fields, values);
+                return self.read_items(points.len(), items, fields, words, values);
             }
             FieldKind::Choices { options, min, max } => {
                 return self
-                    .read_choices(options, *min..=*max, fields, values)
+                    .read_choices(options, *min..=*max, fields, words, values)
                     .map_err(|error| vec![error]);
             }
             FieldKind::Integer { .. }
@@ -241,12 +243,12 @@ impl Field {
         let given = fields.get(&self.id).map_or("", |text| text.trim());
         if given.is_empty() {
             return if self.required {
-                Err(vec![self.error("This question needs an answer.")])
+                Err(vec![self.error(&words.needs_answer)])
             } else {
                 Ok(())
             };
         }
-        self.read_one(given, fields, values)
+        self.read_one(given, fields, words, values)
             .map_err(|error| vec![error])
     }
 
@@ -254,42 +256,35 @@ impl Field {
         &self,
         given: &str,
         fields: &Fields,
+        words: &Words,
         values: &mut Map<String, Value>,
     ) -> Result<(), FieldError> {
         let value = match &self.kind {
             FieldKind::Integer { min, max } => match given.parse::<i64>() {
                 Ok(number) if (*min..=*max).contains(&number) => Value::from(number),
                 Ok(_) | Err(_) => {
-                    return Err(self.error(format!("Enter a whole number from {min} to {max}.")));
+                    return Err(self.error(words.whole_number(*min, *max)));
                 }
             },
             FieldKind::Number { min, max, digits } => decimal(given, *digits)
                 .filter(|number| (*min..=*max).contains(number))
                 .map(Value::from)
-                .ok_or_else(|| {
-                    let most = match digits {
-                        1 => "one digit".to_owned(),
-                        digits => format!("{digits} digits"),
-                    };
-                    self.error(format!(
-                        "Enter a number from {min} to {max} with at most {most} after the decimal point."
-                    ))
-                })?,
+                .ok_or_else(|| self.error(words.number(*min, *max, *digits)))?,
             FieldKind::Text { max_length } | FieldKind::LongText { max_length } => {
-                Value::from(self.within(given, *max_length)?)
+                Value::from(self.within(given, *max_length, words)?)
             }
             FieldKind::Choice { options, other } => {
                 let is_other = *other && given == Self::OTHER;
                 if !is_other && !options.iter().any(|option| option.id == given) {
-                    return Err(self.error("Choose one of the options."));
+                    return Err(self.error(&words.choose_one));
                 }
                 if is_other {
-                    let words = fields
+                    let own = fields
                         .get(&self.other_name())
                         .map_or("", |text| text.trim());
-                    if !words.is_empty() {
-                        let words = self.within(words, Self::OTHER_MAX_LENGTH)?;
-                        values.insert(self.other_name(), Value::from(words));
+                    if !own.is_empty() {
+                        let own = self.within(own, Self::OTHER_MAX_LENGTH, words)?;
+                        values.insert(self.other_name(), Value::from(own));
                     }
                 }
                 Value::from(given)
@@ -306,6 +301,7 @@ impl Field {
         options: &[FieldOption],
         allowed: std::ops::RangeInclusive<usize>,
         fields: &Fields,
+        words: &Words,
         values: &mut Map<String, Value>,
     ) -> Result<(), FieldError> {
         let given: Vec<&str> = fields
@@ -316,7 +312,7 @@ impl Field {
             .collect();
         if given.is_empty() {
             return if self.required {
-                Err(self.error("This question needs an answer."))
+                Err(self.error(&words.needs_answer))
             } else {
                 Ok(())
             };
@@ -325,7 +321,7 @@ impl Field {
             .iter()
             .all(|given| options.iter().any(|option| option.id == *given))
         {
-            return Err(self.error("Choose from the options."));
+            return Err(self.error(&words.choose_from));
         }
         let chosen: Vec<&str> = options
             .iter()
@@ -334,14 +330,7 @@ impl Field {
             .collect();
         if !allowed.contains(&chosen.len()) {
             let (min, max) = (*allowed.start(), *allowed.end());
-            return Err(self.error(match (min, max) {
-                (min, max) if min == max => format!("Choose {min} of the options."),
-                (min, max) if max == options.len() => {
-                    format!("Choose {min} or more of the options.")
-                }
-                (0, max) => format!("Choose at most {max} of the options."),
-                (min, max) => format!("Choose {min} to {max} of the options."),
-            }));
+            return Err(self.error(words.choose_some(min, max, options.len())));
         }
         values.insert(self.id.clone(), Value::from(chosen));
         Ok(())
@@ -352,6 +341,7 @@ impl Field {
         points: usize,
         items: &[LikertItem],
         fields: &Fields,
+        words: &Words,
         values: &mut Map<String, Value>,
     ) -> Result<(), Vec<FieldError>> {
         let mut errors = Vec::new();
@@ -366,8 +356,8 @@ impl Field {
                     values.insert(item.id.clone(), Value::from(point));
                 }
                 Err(_) if given.is_empty() && !self.required => {}
-                Err(_) if given.is_empty() => errors.push(fault("This line needs an answer.")),
-                Ok(_) | Err(_) => errors.push(fault("Choose one of the points.")),
+                Err(_) if given.is_empty() => errors.push(fault(&words.line_needs_answer)),
+                Ok(_) | Err(_) => errors.push(fault(&words.choose_point)),
             }
         }
         if errors.is_empty() {
@@ -379,13 +369,11 @@ impl Field {
 
     /// The text if it is not too long. A form posts a line's end as two characters; the page's own limit and the data
     /// have one.
-    fn within(&self, text: &str, max_length: usize) -> Result<String, FieldError> {
+    fn within(&self, text: &str, max_length: usize, words: &Words) -> Result<String, FieldError> {
         let text = text.replace("\r\n", "\n");
         let length = text.chars().count();
         if length > max_length {
-            return Err(self.error(format!(
-                "Use at most {max_length} characters; these are {length}."
-            )));
+            return Err(self.error(words.too_long(max_length, length)));
         }
         Ok(text)
     }

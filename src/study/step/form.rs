@@ -3,6 +3,7 @@
 use serde_json::{Map, Value};
 
 use super::{AfterFailure, Assessment, Field, FieldError, Fields, Reply};
+use crate::study::Words;
 
 /// A form as the study file words it.
 #[derive(Debug, Clone)]
@@ -61,12 +62,17 @@ impl FormStep<'_> {
     /// How many characters the texts of one form may have together.
     pub const MOST_CHARACTERS: usize = 50_000;
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let mut values = Map::new();
         let errors: Vec<FieldError> = self
             .fields
             .iter()
-            .flat_map(|field| field.read(fields, &mut values).err().unwrap_or_default())
+            .flat_map(|field| {
+                field
+                    .read(fields, words, &mut values)
+                    .err()
+                    .unwrap_or_default()
+            })
             .collect();
         if !errors.is_empty() {
             return Err(errors);

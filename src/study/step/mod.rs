@@ -33,7 +33,7 @@ pub use thanks::ThanksStep;
 
 use super::definition::{Block, BlockBody, Ending, Study};
 use super::draw::THANKS_BLOCK;
-use super::{ActionId, BlockId, QuestionId, ReplayId, StepKind, StepPlan};
+use super::{ActionId, BlockId, QuestionId, ReplayId, StepKind, StepPlan, Words};
 
 /// A step of a run, ready to be shown.
 #[derive(Debug, Clone)]
@@ -147,13 +147,13 @@ impl Step<'_> {
     ///
     /// # Errors
     /// Every field that is missing or not acceptable.
-    pub fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         match self {
-            Self::Consent(step) => step.read(fields),
+            Self::Consent(step) => step.read(fields, words),
             Self::Info(_) => Ok(Reply::Continued),
-            Self::Replays(step) => step.read(fields),
-            Self::Choice(step) => step.read(fields),
-            Self::Form(step) => step.read(fields),
+            Self::Replays(step) => step.read(fields, words),
+            Self::Choice(step) => step.read(fields, words),
+            Self::Form(step) => step.read(fields, words),
             Self::Thanks(step) => step.read(),
         }
     }

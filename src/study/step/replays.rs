@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{FieldError, Fields, Reply, StepError};
 use crate::planning::table::Replay;
 use crate::study::definition::Order;
-use crate::study::{BlockId, ReplayId, StepPlan};
+use crate::study::{BlockId, ReplayId, StepPlan, Words};
 
 /// A replays step as the study file words it.
 #[derive(Debug, Clone)]
@@ -86,22 +86,21 @@ impl<'a> ReplaysStep<'a> {
         })
     }
 
-    pub(super) fn read(&self, fields: &Fields) -> Result<Reply, Vec<FieldError>> {
+    pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let viewings = match fields.get("viewings").map(|text| text.trim()) {
             None | Some("") => Vec::new(),
             Some(text) => self
-                .viewings(text)
+                .viewings(text, words)
                 .map_err(|message| vec![unwatched(message)])?,
         };
         Ok(Reply::Watched { viewings })
     }
 
     /// One viewing for each replay, in any order.
-    fn viewings(&self, text: &str) -> Result<Vec<Viewing>, String> {
+    fn viewings(&self, text: &str, words: &Words) -> Result<Vec<Viewing>, String> {
         let of = self.replays.len();
-        let viewings: Vec<Viewing> = serde_json::from_str(text).map_err(|_| {
-            format!("The page did not say which of the {of} replays you watched. Load it again.")
-        })?;
+        let viewings: Vec<Viewing> =
+            serde_json::from_str(text).map_err(|_| words.viewings_unreadable(of))?;
         let watched: BTreeSet<&ReplayId> = viewings
             .iter()
             .filter(|viewing| viewing.plays > 0 && viewing.started_ms < viewing.seen_ms)
@@ -109,16 +108,10 @@ impl<'a> ReplaysStep<'a> {
             .filter(|id| self.replays.iter().any(|shown| shown.id == **id))
             .collect();
         if watched.len() < of {
-            return Err(format!(
-                "You have watched {} of {of} replays. You can go on when you have seen all of them to the end.",
-                watched.len()
-            ));
+            return Err(words.viewings_missing(watched.len(), of));
         }
         if viewings.len() > of {
-            return Err(format!(
-                "The page named {} viewings for {of} replays. Load it again.",
-                viewings.len()
-            ));
+            return Err(words.viewings_extra(viewings.len(), of));
         }
         Ok(viewings)
     }

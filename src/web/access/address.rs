@@ -13,6 +13,11 @@ pub(in crate::web) struct PeerAddress(pub SocketAddr);
 pub(in crate::web) struct ClientAddress(pub IpAddr);
 
 impl ClientAddress {
+    /// Whoever sits at this machine. A proxy here that was not named stands for everybody.
+    pub(super) fn is_this_machine(self) -> bool {
+        self.0.is_loopback()
+    }
+
     /// What limits count by: one IPv6 network of a household or a campus, not each of its endless addresses.
     pub(super) fn counted_as(self) -> IpAddr {
         match self.0 {

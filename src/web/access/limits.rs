@@ -27,6 +27,8 @@ const LOGINS: u32 = 10;
 const LOGINS_WITHIN: Duration = Duration::from_secs(300);
 /// Calls of the API per token, or per address without one.
 const CALLS_PER_MINUTE: u32 = 600;
+/// Refusals of strangers that are written to the log, per address: it is never shortened, and each entry is a commit.
+const REFUSALS_NOTED_PER_MINUTE: u32 = 10;
 /// Answers per run: more than anybody can give.
 const ANSWERS_PER_MINUTE: u32 = 120;
 const MINUTE: Duration = Duration::from_secs(60);
@@ -97,6 +99,7 @@ pub struct Limits {
     answers: Limiter<TokenHash>,
     calls_by_address: Limiter<IpAddr>,
     calls_by_token: Limiter<ApiTokenId>,
+    refusals: Limiter<IpAddr>,
 }
 
 impl fmt::Debug for Limits {
@@ -115,6 +118,7 @@ impl Limits {
             answers: Limiter::new(clock, ANSWERS_PER_MINUTE, MINUTE),
             calls_by_address: Limiter::new(clock, CALLS_PER_MINUTE, MINUTE),
             calls_by_token: Limiter::new(clock, CALLS_PER_MINUTE, MINUTE),
+            refusals: Limiter::new(clock, REFUSALS_NOTED_PER_MINUTE, MINUTE),
         }
     }
 
@@ -140,7 +144,7 @@ impl Limits {
     ) -> Result<(), Error> {
         match route.limited {
             None => Ok(()),
-            Some(Limited::Start) if client.0.is_loopback() => Ok(()),
+            Some(Limited::Start) if client.is_this_machine() => Ok(()),
             Some(Limited::Start) => self.starts.check(&client.counted_as()),
             Some(Limited::Answer) => {
                 match segment(route.path, path, "{token}").map(str::parse::<Token>) {
@@ -149,6 +153,14 @@ impl Limits {
                     Some(Err(_)) | None => Ok(()),
                 }
             }
+        }
+    }
+
+    /// Whether a refusal is written to the log: those of accounts and tokens always, those of strangers so many a minute.
+    pub(super) fn may_be_noted(&self, caller: &Caller, client: ClientAddress) -> bool {
+        match caller {
+            Caller::Token(_) | Caller::Account(_) => true,
+            Caller::Nobody | Caller::Local => self.refusals.check(&client.counted_as()).is_ok(),
         }
     }
 

@@ -40,11 +40,13 @@ pub use self::{
 };
 use super::{ApiError, AppState, Error};
 use crate::{
+    jobs::{QuestionCounts, Snapshot},
     store::{AuditOutcome, Token},
     study::StudyId,
 };
 
-/// Aggregates of fewer people than this are shown to nobody without an account.
+/// Aggregates of fewer people than this are shown to nobody without an account, nor those of a study in which a question
+/// was answered by fewer.
 const LEAST_PEOPLE_IN_PUBLIC: u64 = 5;
 
 /// What the guard knows of the server.
@@ -82,6 +84,10 @@ struct Asked {
 }
 
 impl Asked {
+    fn without_query(&self) -> &str {
+        self.path.split('?').next().unwrap_or_default()
+    }
+
     fn is_api(&self) -> bool {
         self.route.path.starts_with("/api/")
     }
@@ -133,6 +139,15 @@ pub(super) async fn guard(
         );
         return Error::Forbidden("nobody may see this".to_owned()).into_response();
     };
+    // No name in any path of ours needs an escape; written with one, it would be another name to the rules than to its handler.
+    if request.uri().path().contains('%') {
+        let error = Error::NotFound("address");
+        return if route.path.starts_with("/api/") {
+            ApiError(error).into_response()
+        } else {
+            error.into_response()
+        };
+    }
     let study = routes::segment(route.path, request.uri().path(), "{study}")
         .map(StudyId::from)
         .filter(|study| guard.app.catalogue.current(study).is_some());
@@ -154,6 +169,7 @@ pub(super) async fn guard(
     if let Err(refusal) = admitted {
         // Whoever is only asked to log in has tried nothing yet, and could fill the log.
         if !matches!(refusal, Refusal::LogIn)
+            && guard.app.limits.may_be_noted(&caller, asked.client)
             && let Err(error) = guard
                 .note(&asked, &caller, AuditOutcome::Refused, None)
                 .await
@@ -163,18 +179,28 @@ pub(super) async fn guard(
         return asked.answer(refusal);
     }
     request.extensions_mut().insert(caller.clone());
-    let response = next.run(request).await;
-    let status = response.status();
-    if status.is_success() || status.is_redirection() {
-        let detail = response.extensions().get::<Recorded>().cloned();
-        if let Err(error) = guard
-            .note(&asked, &caller, AuditOutcome::Done, detail)
-            .await
-        {
-            return asked.answer(error.into());
+    let may_go_away = asked.is_get || asked.route.rule == Rule::Open;
+    let handled = async move {
+        let response = next.run(request).await;
+        let status = response.status();
+        if status.is_success() || status.is_redirection() {
+            let detail = response.extensions().get::<Recorded>().cloned();
+            if let Err(error) = guard
+                .note(&asked, &caller, AuditOutcome::Done, detail)
+                .await
+            {
+                return asked.answer(error.into());
+            }
         }
+        response
+    };
+    if may_go_away {
+        return handled.await;
     }
-    response
+    // What changes something is written to the log also when whoever asked for it has gone away meanwhile.
+    tokio::spawn(handled)
+        .await
+        .unwrap_or_else(|error| Error::Internal(error.into()).into_response())
 }
 
 impl Guard {
@@ -186,7 +212,7 @@ impl Guard {
     ) -> Result<(Caller, Result<(), Refusal>), Refusal> {
         let limits = &self.app.limits;
         if !asked.is_get {
-            limits.check_post(asked.route, &asked.path, asked.client)?;
+            limits.check_post(asked.route, asked.without_query(), asked.client)?;
         }
         let need = match asked.route.rule {
             Rule::Open => return Ok((Caller::Nobody, Ok(()))),
@@ -199,6 +225,9 @@ impl Guard {
             Rule::Shared => Some(Need::Results),
         };
         if !self.app.store.has_accounts().await? {
+            if asked.is_api() && !asked.client.is_this_machine() {
+                limits.check_caller(&Caller::Nobody, asked.client)?;
+            }
             let admitted = self.admit_without_accounts(need, headers);
             return Ok((Caller::Local, admitted));
         }
@@ -308,12 +337,20 @@ impl Guard {
         if !self.app.store.is_public(study).await? {
             return Ok(false);
         }
-        let people = self
-            .app
-            .store
-            .totals(study, self.app.settings.population)
-            .await?;
-        Ok(people.completed >= LEAST_PEOPLE_IN_PUBLIC)
+        let app = &self.app;
+        let population = app.settings.population;
+        let Some(snapshot) = Snapshot::read(&app.store, &app.catalogue, population, study).await?
+        else {
+            return Ok(false);
+        };
+        let counts = &snapshot.counts;
+        let mut answered = counts
+            .cells
+            .iter()
+            .chain(&counts.baseline)
+            .map(QuestionCounts::n);
+        Ok(snapshot.people.completed >= LEAST_PEOPLE_IN_PUBLIC
+            && answered.all(|n| n == 0 || n >= LEAST_PEOPLE_IN_PUBLIC))
     }
 
     /// Writes down what is to be written down of this route.

@@ -87,7 +87,37 @@ pub const ROUTES: &[Route] = &[
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
     // Studies.
+    route("/studies", RESULTS, "list the studies"),
+    route("/studies/{study}", RESULTS, "watch the study"),
+    route(
+        "/studies/{study}/data/progress.html",
+        RESULTS,
+        "watch the study",
+    ),
+    route("/studies/{study}/state", MANAGE, "change the study's state"),
+    route(
+        "/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route(
+        "/studies/{study}/participants/{run}/erase",
+        MANAGE,
+        "ask to erase a participant",
+    ),
+    route("/studies/{study}/links", DATA, "open the links"),
+    route("/studies/{study}/data", DATA, "open the exports"),
+    route(
+        "/studies/{study}/sources",
+        RESULTS,
+        "look at choices by source",
+    ),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
+    route(
+        "/studies/{study}/preview/start",
+        MANAGE,
+        "preview the study in a condition",
+    ),
     // Accounts.
     route("/setup/{token}", Rule::Open, ""),
     route("/login", Rule::Open, ""),
@@ -148,11 +178,7 @@ pub const ROUTES: &[Route] = &[
         Rule::Shared,
         "look at sequential",
     ),
-    route(
-        "/results/{study}/data/fits.json",
-        Rule::Shared,
-        "look at fits",
-    ),
+    route("/results/{study}/data/fits.json", RESULTS, "look at fits"),
     route(
         "/results/{study}/data/sweep.json",
         Rule::Shared,
@@ -183,6 +209,12 @@ pub const ROUTES: &[Route] = &[
     ),
     route("/api/v1/studies/{study}/answers", DATA, "export answers"),
     route(
+        "/api/v1/studies/{study}/participants",
+        DATA,
+        "look at the participants",
+    ),
+    route("/api/v1/studies/{study}/funnel", RESULTS, "watch the study"),
+    route(
         "/api/v1/studies/{study}/answers.csv",
         DATA,
         "export answers.csv",
@@ -192,10 +224,11 @@ pub const ROUTES: &[Route] = &[
         DATA,
         "export answers.ndjson",
     ),
-    route("/api/v1/studies/{study}/fits", Rule::Shared, "look at fits"),
+    // Single fits and their history hold counts of few people: they are no aggregates for everybody.
+    route("/api/v1/studies/{study}/fits", RESULTS, "look at fits"),
     route(
         "/api/v1/studies/{study}/fits/{fit}",
-        Rule::Shared,
+        RESULTS,
         "look at a fit",
     ),
     route(

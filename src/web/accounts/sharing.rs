@@ -13,6 +13,8 @@ use crate::{store::Store, study::StudyId};
 #[derive(Deserialize)]
 pub(super) struct PublicForm {
     public: u8,
+    /// Present where the study's own page asks, and not that of its results.
+    studies: Option<u8>,
 }
 
 /// POST `/results/STUDY/public`.
@@ -32,6 +34,11 @@ pub(super) async fn set(
         action: Some(action.to_owned()),
         detail: None,
     };
-    let back = Redirect::to(&format!("/results/{study}"));
+    let page = if form.studies.is_some() {
+        "studies"
+    } else {
+        "results"
+    };
+    let back = Redirect::to(&format!("/{page}/{study}"));
     Ok((Extension(recorded), back).into_response())
 }

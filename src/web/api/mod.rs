@@ -10,6 +10,7 @@ mod exports;
 mod extract;
 mod fits;
 mod page;
+mod participants;
 mod predict;
 mod sweeps;
 mod version;
@@ -78,6 +79,8 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(one))
         .routes(routes!(summary))
         .routes(routes!(answers::page))
+        .routes(routes!(participants::page))
+        .routes(routes!(participants::funnel))
         .merge(exports::router())
         .routes(routes!(fits::list))
         .routes(routes!(fits::one))

@@ -4,20 +4,20 @@ use std::{collections::BTreeMap, sync::Arc};
 
 use axum::{
     extract::{Path, Query, State},
-    http::HeaderMap,
+    http::{HeaderMap, StatusCode},
     response::{IntoResponse, Redirect, Response},
 };
 
 use super::{
-    Looking, device, framed,
-    pages::{Door, LandingPage},
+    Looking, device, framed, language,
+    pages::{Door, LandingPage, NotePage},
     recruiting,
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{NewArrival, NewRun, Store, StudyState, Token, draw_run},
-    study::{LinkParameter, NotAdmitted, Study, StudyId, TimeFactor},
+    store::{self, NewArrival, NewRun, Store, StudyState, Token, draw_run},
+    study::{LinkParameter, NotAdmitted, Study, StudyId, TimeFactor, Words},
     web::{Error, Settings},
 };
 
@@ -35,17 +35,26 @@ pub(super) async fn arrive(
 ) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let refusal = refusal(&store, &served, &headers);
+    let language = language::choose(served.languages(), asked_for(&query), &headers);
+    let words = in_language(&served, language.as_deref()).words();
     let answer = match recruiting::read(&query, &served.recruiting().mturk) {
         Err(refused) => Err(refused),
         Ok(arrival) if recruiting::is_look(&arrival) => {
-            let page = look(&store, &served, refusal).await;
+            let page = look(&store, &served, language.as_deref(), refusal).await;
             page.map(IntoResponse::into_response)
+                .or_else(|error| not_now(error, words))
         }
         Ok(arrival) => {
-            let arrival = NewArrival { refusal, ..arrival };
+            let arrival = NewArrival {
+                refusal,
+                language,
+                ..arrival
+            };
             let token = Token::random(&mut chance.fork());
             let noted = note(&store, &served, &token, arrival).await;
-            noted.map(IntoResponse::into_response)
+            noted
+                .map(IntoResponse::into_response)
+                .or_else(|error| not_now(error, words))
         }
     };
     Ok(framed(&served, answer))
@@ -57,7 +66,7 @@ async fn note(
     study: &Study,
     token: &Token,
     mut arrival: NewArrival,
-) -> Result<Redirect, Error> {
+) -> Result<Redirect, store::Error> {
     let (id, ids) = (study.id(), study.recruiting().ids);
     for parameter in LinkParameter::ALL {
         let value = arrival.recruiting.get_mut(parameter.name());
@@ -73,20 +82,21 @@ async fn note(
 async fn look(
     store: &Store,
     study: &Study,
+    language: Option<&str>,
     refusal: Option<NotAdmitted>,
-) -> Result<LandingPage, Error> {
+) -> Result<LandingPage, store::Error> {
     let studies = store.studies().await?;
     let state = studies.iter().find(|row| row.id == *study.id());
     if state.is_none_or(|row| row.state != StudyState::Open) {
-        return Err(Error::Closed(format!(
-            "study {} takes nobody in at the moment",
-            study.id()
-        )));
+        return Err(store::Error::Closed {
+            study: study.id().to_string(),
+            state: state.map_or(StudyState::Closed, |row| row.state),
+        });
     }
-    if let Some(reason) = refusal {
-        return Err(Error::Closed(reason.to_string()));
+    match refusal {
+        Some(reason) => Err(store::Error::NotAdmitted(reason)),
+        None => Ok(LandingPage::of(study, language, Door::AcceptFirst)),
     }
-    Ok(LandingPage::of(study, Door::AcceptFirst))
 }
 
 /// POST `/studies/STUDY/preview`: the study as a participant meets it, in any of its states, without counting.
@@ -95,9 +105,11 @@ pub(super) async fn preview(
     State(catalogue): State<Arc<Catalogue>>,
     State(chance): State<Chance>,
     Path(study): Path<StudyId>,
+    headers: HeaderMap,
 ) -> Result<Redirect, Error> {
-    catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let arrival = NewArrival {
+        language: language::choose(served.languages(), None, &headers),
         is_preview: true,
         ..NewArrival::default()
     };
@@ -112,23 +124,33 @@ pub(super) async fn landing(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     Path((study, token)): Path<(StudyId, String)>,
+    Query(query): Query<BTreeMap<String, String>>,
 ) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    let page = landed(&store, &served, &token).await;
+    let language = chosen(&served, &query);
+    let page = landed(&store, &served, &token, language).await;
     Ok(framed(&served, page))
 }
 
-async fn landed(store: &Store, study: &Study, token: &str) -> Result<LandingPage, Error> {
+async fn landed(
+    store: &Store,
+    study: &Study,
+    token: &str,
+    language: Option<String>,
+) -> Result<LandingPage, Error> {
     let token = read_token(token)?;
     let arrival = store.arrival(&token).await?;
     if arrival.study != *study.id() {
         return Err(Error::NotFound("link"));
     }
+    let language = language.filter(|language| Some(language) != arrival.language.as_ref());
+    let shown = language.clone().or(arrival.language);
     let door = Door::Start {
         token,
         is_preview: arrival.is_preview,
+        language,
     };
-    Ok(LandingPage::of(study, door))
+    Ok(LandingPage::of(study, shown.as_deref(), door))
 }
 
 /// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
@@ -138,10 +160,12 @@ pub(super) async fn start(
     State(chance): State<Chance>,
     State(settings): State<Arc<Settings>>,
     Path((study, token)): Path<(StudyId, String)>,
+    Query(query): Query<BTreeMap<String, String>>,
     headers: HeaderMap,
 ) -> Result<Response, Error> {
     let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
+    let language = chosen(&served, &query);
     let run = NewRun {
         study: study.clone(),
         version,
@@ -151,13 +175,60 @@ pub(super) async fn start(
         refusal: refusal(&store, &served, &headers),
         factor: TimeFactor::ONE,
         population: settings.population,
+        language: language.clone(),
         is_preview: false,
     };
-    let started = store.start(&arrival, run).await;
-    let led_on = started
-        .map(|started| Redirect::to(&format!("/r/{}", started.link)))
-        .map_err(Error::from);
+    let led_on = match store.start(&arrival, run).await {
+        Ok(started) => Ok(Redirect::to(&format!("/r/{}", started.link)).into_response()),
+        Err(error) => {
+            let arrival = store.arrival(&arrival).await.ok();
+            let language = language.or(arrival.and_then(|arrival| arrival.language));
+            not_now(error, in_language(&served, language.as_deref()).words())
+        }
+    };
     Ok(framed(&served, led_on))
+}
+
+/// The language that an address names.
+fn asked_for(query: &BTreeMap<String, String>) -> Option<&str> {
+    query.get("lang").map(String::as_str)
+}
+
+/// The same if the study has it, whatever the browser likes.
+fn chosen(study: &Study, query: &BTreeMap<String, String>) -> Option<String> {
+    let asked_for = asked_for(query)?;
+    let languages = study.languages();
+    let is_had = languages.len() > 1 && languages.iter().any(|language| language == asked_for);
+    is_had.then(|| asked_for.to_owned())
+}
+
+/// The study in a language, or as its file words it.
+pub(super) fn in_language<'a>(study: &'a Study, language: Option<&str>) -> &'a Study {
+    language.map_or(study, |language| study.in_language(language))
+}
+
+/// What somebody is told who cannot begin now; anything else stays an error.
+fn not_now(error: store::Error, words: &Words) -> Result<Response, Error> {
+    let text_html = match &error {
+        store::Error::Closed { state, .. } => Words::to_html(match state {
+            StudyState::Draft => &words.study_draft,
+            StudyState::Open | StudyState::Paused => &words.study_paused,
+            StudyState::Closed => &words.study_closed,
+        }),
+        store::Error::NotAdmitted(reason) => words.not_admitted_html(reason),
+        store::Error::NotFound(_)
+        | store::Error::Conflict(_)
+        | store::Error::Refused(_)
+        | store::Error::Busy
+        | store::Error::Unavailable(_)
+        | store::Error::Database(_) => return Err(error.into()),
+    };
+    let page = NotePage {
+        language: words.language.clone(),
+        title: words.cannot_start.clone(),
+        text_html,
+    };
+    Ok((StatusCode::GONE, page).into_response())
 }
 
 /// Why nobody new may start with this browser at this moment.

@@ -65,13 +65,25 @@ impl RunPages {
         };
         let submits_to = outcome.submits_to();
         let page = ThanksPage {
+            words: study.words(),
             token,
             ending: page,
             outcome,
             is_preview: run.is_preview,
+            code_label: match ending {
+                Ending::Completed => &study.words().completion_code,
+                Ending::ScreenedOut | Ending::FailedCheck | Ending::TimedOut => {
+                    &study.words().other_code
+                }
+            },
+            contact: study.contact(),
             withdrawal: run.is_owner.then(|| LaterWithdrawal {
                 address: self.withdrawal_address(token),
-                until: study.recruiting().retention.map(last_day),
+                // The day that ends when the retention time does.
+                until: study
+                    .recruiting()
+                    .retention
+                    .map(|retention| study.words().day_of(Timestamp(retention.0 - 1))),
             }),
         };
         Ok(match submits_to {
@@ -143,16 +155,8 @@ fn paid_choice(
         .map_or_else(|| paid.action.clone(), |action| action.label.clone());
     Ok(Some(PaidChoiceText {
         question: question.title.to_owned(),
-        place: format!("{} of {}", question.number, question.of),
+        place: study.words().bonus_question(question.number, question.of),
         action,
         reward: study.reward_unit().format(paid.reward),
     }))
-}
-
-/// The day that ends when the retention time does.
-fn last_day(retention: Timestamp) -> String {
-    jiff::Timestamp::from_millisecond(retention.0 - 1).map_or_else(
-        |_| format!("{} ms after 1970", retention.0),
-        |moment| moment.strftime("%-d %B %Y").to_string(),
-    )
 }

@@ -3,6 +3,7 @@
 mod arrival;
 mod device;
 mod ending;
+mod language;
 mod pages;
 mod recruiting;
 mod run;

@@ -3,7 +3,7 @@
 use crate::{
     store::{StepView, Token},
     study::{
-        EndingPage, ReplayId, StepPlan, Study, Timestamp,
+        EndingPage, ReplayId, StepPlan, Study, Timestamp, Words,
         step::{
             ChoiceStep, Clause, ConsentStep, Field, FieldError, FieldKind, FieldOption, Fields,
             FormStep, InfoStep, LikertItem, ReplaysStep,
@@ -16,6 +16,7 @@ use askama_web::WebTemplate;
 
 /// What every step's page needs to know of its run.
 pub(super) struct RunLink<'a> {
+    pub words: &'a Words,
     pub token: &'a Token,
     pub is_owner: bool,
     /// Nothing that is done here counts.
@@ -66,6 +67,8 @@ pub(super) struct Rejected {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/landing.html")]
 pub(super) struct LandingPage {
+    words: Words,
+    others: Vec<OtherLanguage>,
     title: String,
     summary: String,
     minutes: u32,
@@ -73,17 +76,42 @@ pub(super) struct LandingPage {
     door: Door,
 }
 
+/// Another language in which the study can be taken.
+struct OtherLanguage {
+    tag: String,
+    /// Its name in itself.
+    name: String,
+}
+
 /// How a landing page leads into its study.
 pub(super) enum Door {
     /// By the button that starts it.
-    Start { token: Token, is_preview: bool },
+    Start {
+        token: Token,
+        is_preview: bool,
+        /// The language to start in, where it is another one than that of the link that was followed.
+        language: Option<String>,
+    },
     /// Not yet: the task on MTurk has to be accepted first.
     AcceptFirst,
 }
 
 impl LandingPage {
-    pub(super) fn of(study: &Study, door: Door) -> Self {
+    /// The page in `language`, or in that of the study's file.
+    pub(super) fn of(study: &Study, language: Option<&str>, door: Door) -> Self {
+        let shown = language.map_or(study, |language| study.in_language(language));
+        let others = study.languages().iter();
+        let others = others
+            .filter(|tag| *tag != shown.language())
+            .map(|tag| OtherLanguage {
+                tag: tag.clone(),
+                name: study.in_language(tag).words().language_name.clone(),
+            })
+            .collect();
+        let study = shown;
         Self {
+            words: study.words().clone(),
+            others,
             title: study.title().to_owned(),
             summary: study.summary().to_owned(),
             minutes: study.minutes(),
@@ -321,10 +349,15 @@ fn error_of<'a>(rejected: &'a Rejected, field: &str) -> Option<&'a str> {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/thanks.html")]
 pub(super) struct ThanksPage<'a> {
+    pub words: &'a Words,
     pub token: &'a Token,
     pub ending: &'a EndingPage,
     pub outcome: Outcome,
     pub is_preview: bool,
+    /// What the code is called.
+    pub code_label: &'a str,
+    /// Whom to ask for what this link may not do.
+    pub contact: &'a str,
     /// How to withdraw later, for the link that may.
     pub withdrawal: Option<LaterWithdrawal>,
 }
@@ -395,7 +428,7 @@ pub(super) struct BonusText {
 pub(super) struct PaidChoiceText {
     /// The heading of the question.
     pub question: String,
-    /// Which question of its block it was, such as `2 of 5`.
+    /// Which question of its block it was, such as `question 2 of 5`.
     pub place: String,
     /// What was chosen.
     pub action: String,
@@ -406,6 +439,7 @@ pub(super) struct PaidChoiceText {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/note.html")]
 pub(super) struct NotePage {
+    pub language: String,
     pub title: String,
     pub text_html: String,
 }
@@ -413,6 +447,7 @@ pub(super) struct NotePage {
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/withdraw.html")]
 pub(super) struct WithdrawPage {
+    pub words: Words,
     pub token: Token,
 }
 

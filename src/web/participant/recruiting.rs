@@ -69,6 +69,12 @@ fn value<'a>(query: &'a BTreeMap<String, String>, name: &str) -> Result<Option<&
             "the link's parameter {name} must hold at most {LONGEST_VALUE} printable characters"
         )));
     }
+    if value.contains("{{") {
+        return Err(Error::BadRequest(format!(
+            "the link's parameter {name} holds a placeholder that the recruiting platform should have filled in; please tell the \
+             people who run the study"
+        )));
+    }
     Ok(Some(value))
 }
 

@@ -13,7 +13,7 @@ use serde::Serialize;
 
 use super::{
     Looking,
-    arrival::read_token,
+    arrival::{in_language, read_token},
     framed,
     pages::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
@@ -28,7 +28,7 @@ use crate::{
         self, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict,
     },
     study::{
-        Ending, Step, Study,
+        Ending, Step, Study, Words,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
     },
     web::{AppState, Error, Replays, Settings, replays},
@@ -39,15 +39,17 @@ pub(super) async fn current(
     _: Looking,
     State(pages): State<RunPages>,
     Path(token): Path<String>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = match pages.store.visit(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
     let study = pages.study(&run)?;
-    let page = pages.page(&token, &run, &study, Rejected::default()).await;
-    Ok(framed(&study, page))
+    let study = in_language(&study, run.language.as_deref());
+    let page = pages.page(&token, &run, study, Rejected::default()).await;
+    Ok(framed(study, page))
 }
 
 /// POST `/r/TOKEN`: an answer to one step. It is on disk before this is answered.
@@ -64,8 +66,9 @@ pub(super) async fn answer(
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
     let study = pages.study(&run)?;
-    let answer = pages.take(&token, &run, &study, &headers, fields).await;
-    Ok(framed(&study, answer))
+    let study = in_language(&study, run.language.as_deref());
+    let answer = pages.take(&token, &run, study, &headers, fields).await;
+    Ok(framed(study, answer))
 }
 
 /// What a page's script is told about the form that it sent.
@@ -218,11 +221,11 @@ impl RunPages {
             | Step::Thanks(_) => None,
         };
         if let Step::Replays(shown) = &step
-            && let Some(error) = self.too_early(run, position, shown).await?
+            && let Some(error) = self.too_early(run, position, shown, study.words()).await?
         {
             return Ok(Err(vec![error]));
         }
-        Ok(step.read(fields).map(|reply| Submission {
+        Ok(step.read(fields, study.words()).map(|reply| Submission {
             position,
             key,
             assessment: step.assess(&reply),
@@ -239,6 +242,7 @@ impl RunPages {
         run: &RunView,
         position: u32,
         shown: &ReplaysStep<'_>,
+        words: &Words,
     ) -> Result<Option<FieldError>, Error> {
         let current = run.step.as_ref().filter(|step| step.position == position);
         let Some(step) = current.filter(|_| run.population == Population::People) else {
@@ -251,10 +255,7 @@ impl RunPages {
         let missing_s = lasts_ms.saturating_sub(passed_ms).div_ceil(1000);
         Ok((missing_s > 0).then(|| FieldError {
             field: "viewings".to_owned(),
-            message: format!(
-                "All replays together last {} seconds. You can go on in {missing_s} seconds.",
-                lasts_ms.div_ceil(1000)
-            ),
+            message: words.viewings_early(lasts_ms.div_ceil(1000), missing_s),
         }))
     }
 
@@ -297,12 +298,13 @@ impl RunPages {
         study: &Study,
         rejected: Rejected,
     ) -> Result<Response, Error> {
+        let words = study.words();
         let Some(shown) = &run.step else {
-            return Ok(withdrawn().into_response());
+            return Ok(withdrawn(words).into_response());
         };
         let step = study.step(&shown.plan)?;
         match (run.state, step) {
-            (RunState::Withdrawn, _) => Ok(withdrawn().into_response()),
+            (RunState::Withdrawn, _) => Ok(withdrawn(words).into_response()),
             (RunState::Declined, _) => declined(study),
             (RunState::ScreenedOut, _) => self.ended(token, run, study, Ending::ScreenedOut).await,
             (RunState::FailedCheck, _) => self.ended(token, run, study, Ending::FailedCheck).await,
@@ -311,19 +313,19 @@ impl RunPages {
                 self.ended(token, run, study, Ending::Completed).await
             }
             (RunState::Active, Step::Consent(text)) => Ok(ConsentPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 text,
                 rejected,
             }
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 scene: scene(text.scene),
                 text,
             }
             .into_response()),
             (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 replays: self.replay_views(&text).await?,
                 seconds: self.lasts_ms(&text).await?.div_ceil(1000),
                 text,
@@ -331,7 +333,7 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {
-                run: self.link(token, run, shown),
+                run: self.link(token, run, shown, words),
                 scene: scene(question.scene),
                 clock: PageClock::of(shown, self.store.clock().now()),
                 question,
@@ -339,15 +341,22 @@ impl RunPages {
             }
             .into_response()),
             (RunState::Active, Step::Form(text)) => {
-                let link = self.link(token, run, shown);
+                let link = self.link(token, run, shown, words);
                 Ok(FormPage::new(link, text, shown.attempts, &rejected).into_response())
             }
         }
     }
 
     /// What a form needs to know of its run, with a new idempotency key.
-    fn link<'a>(&self, token: &'a Token, run: &RunView, shown: &'a StepView) -> RunLink<'a> {
+    fn link<'a>(
+        &self,
+        token: &'a Token,
+        run: &RunView,
+        shown: &'a StepView,
+        words: &'a Words,
+    ) -> RunLink<'a> {
         RunLink {
+            words,
             token,
             is_owner: run.is_owner,
             is_preview: run.is_preview,
@@ -362,6 +371,7 @@ impl RunPages {
 fn declined(study: &Study) -> Result<Response, Error> {
     let page = study.declined_page().ok_or(Error::NotFound("run"))?;
     Ok(NotePage {
+        language: study.language().to_owned(),
         title: page.title.to_owned(),
         text_html: page.text_html.to_owned(),
     }

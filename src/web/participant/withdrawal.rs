@@ -4,18 +4,19 @@ use std::sync::Arc;
 
 use axum::{
     extract::{Path, State},
-    http::StatusCode,
+    http::{HeaderMap, StatusCode},
     response::{IntoResponse, Redirect, Response},
 };
 
 use super::{
-    arrival::read_token,
-    framed,
+    arrival::{in_language, read_token},
+    framed, language,
     pages::{NotePage, WithdrawPage},
 };
 use crate::{
     jobs::Catalogue,
     store::{self, RunState, Store},
+    study::Words,
     web::Error,
 };
 
@@ -24,15 +25,20 @@ pub(super) async fn ask(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     Path(token): Path<String>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
+    let study = catalogue.version(run.version);
+    let study = study.ok_or(Error::NotFound("study"))?;
+    let study = in_language(&study, run.language.as_deref());
+    let words = study.words().clone();
     let page = match (run.is_owner, run.state) {
         (false, _) => Err(not_the_owner()),
-        (true, RunState::Withdrawn) => Ok(withdrawn().into_response()),
+        (true, RunState::Withdrawn) => Ok(withdrawn(&words).into_response()),
         (
             true,
             RunState::Active
@@ -41,21 +47,20 @@ pub(super) async fn ask(
             | RunState::ScreenedOut
             | RunState::FailedCheck
             | RunState::TimedOut,
-        ) => Ok(WithdrawPage { token }.into_response()),
+        ) => Ok(WithdrawPage { words, token }.into_response()),
     };
-    let study = catalogue.version(run.version);
-    let study = study.ok_or(Error::NotFound("study"))?;
-    Ok(framed(&study, page))
+    Ok(framed(study, page))
 }
 
 /// POST `/r/TOKEN/withdraw`: erases the run.
 pub(super) async fn withdraw(
     State(store): State<Store>,
     Path(token): Path<String>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone()),
+        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
     if !run.is_owner {
@@ -66,22 +71,22 @@ pub(super) async fn withdraw(
 }
 
 /// What is left to show of an erased run.
-pub(super) fn withdrawn() -> NotePage {
+pub(super) fn withdrawn(words: &Words) -> NotePage {
     NotePage {
-        title: "Your answers are erased".to_owned(),
-        text_html: "<p>Nothing that you answered is stored any more. You can close this page.</p>"
-            .to_owned(),
+        language: words.language.clone(),
+        title: words.withdrawn_title.clone(),
+        text_html: Words::to_html(&words.withdrawn_text),
     }
 }
 
-/// What an unknown link is told, because it may have been a good one once.
-pub(super) fn gone() -> Response {
+/// What an unknown link is told, because it may have been a good one once. Which study it was of nobody knows any more.
+pub(super) fn gone(headers: &HeaderMap) -> Response {
+    let liked = language::liked(headers);
+    let words = Words::of_languages(liked.iter().map(String::as_str));
     let page = NotePage {
-        title: "This link opens nothing".to_owned(),
-        text_html: "<p>Perhaps a part of the link is missing. Or the time in which this study could be withdrawn is \
-            over: then its links and the ids of recruiting platforms are erased, so that nobody can tell any more which \
-            answers were whose, and they can no longer be taken out.</p>"
-            .to_owned(),
+        text_html: Words::to_html(&words.gone_text),
+        title: words.gone_title,
+        language: words.language,
     };
     (StatusCode::NOT_FOUND, page).into_response()
 }

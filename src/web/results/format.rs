@@ -5,7 +5,7 @@ use crate::study::Timestamp;
 const NONE: &str = "–";
 
 /// Digits in groups of three.
-pub(super) fn count(value: u64) -> String {
+pub(in crate::web) fn count(value: u64) -> String {
     let digits = value.to_string();
     let mut text = String::with_capacity(digits.len() + digits.len() / 3 * 3);
     for (index, digit) in digits.chars().enumerate() {
@@ -18,7 +18,7 @@ pub(super) fn count(value: u64) -> String {
 }
 
 /// A number with a fixed count of decimals and a real minus sign.
-pub(super) fn decimal(value: Option<f64>, digits: usize) -> String {
+pub(in crate::web) fn decimal(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(
         || NONE.to_owned(),
         |value| {
@@ -46,7 +46,7 @@ pub(super) fn significant(value: f64) -> String {
 }
 
 /// A share as a whole percentage.
-pub(super) fn percent(share: Option<f64>) -> String {
+pub(in crate::web) fn percent(share: Option<f64>) -> String {
     share.map_or_else(
         || NONE.to_owned(),
         |share| format!("{} %", (share * 100.0).round()),
@@ -54,7 +54,7 @@ pub(super) fn percent(share: Option<f64>) -> String {
 }
 
 /// A percentage's interval.
-pub(super) fn percents(low: Option<f64>, high: Option<f64>) -> String {
+pub(in crate::web) fn percents(low: Option<f64>, high: Option<f64>) -> String {
     match (low, high) {
         (Some(_), Some(_)) => format!("{} to {}", percent(low), percent(high)),
         (None, Some(_) | None) | (Some(_), None) => NONE.to_owned(),

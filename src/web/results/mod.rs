@@ -39,7 +39,7 @@ pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
-    format::rfc3339,
+    format::{count, decimal, percent, percents, rfc3339},
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
 };

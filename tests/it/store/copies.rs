@@ -126,3 +126,29 @@ async fn the_doctor_finds_a_live_database_well_and_names_what_was_tampered_with(
         assert!(!wrong.advice.is_empty());
     }
 }
+
+#[tokio::test]
+async fn the_doctor_says_what_to_do_about_a_file_that_cannot_be_read_through() {
+    let mut lab = Lab::open().await;
+    let mut person = lab.start_and_reach_timed("driving").await;
+    person.finishes(&lab, "stop").await;
+    let folder = tempfile::tempdir().unwrap();
+    let copy = folder.path().join("copy.db");
+    back_up(&lab.path(), &copy).await.unwrap();
+    let whole = std::fs::read(&copy).unwrap();
+    for (what, bytes) in [
+        ("cut", whole[..whole.len() / 2].to_vec()),
+        (
+            "overwritten",
+            [&whole[..100], &[0xA5; 12_000], &whole[12_100..]].concat(),
+        ),
+    ] {
+        let damaged = folder.path().join(what);
+        std::fs::write(&damaged, bytes).unwrap();
+        let findings = examine(&damaged, Clock::start()).await.unwrap();
+        let wrong = findings
+            .iter()
+            .find(|finding| finding.health == Health::Wrong && finding.advice.contains("restore"));
+        assert!(wrong.is_some(), "{what}: {findings:?}");
+    }
+}

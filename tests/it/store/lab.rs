@@ -127,6 +127,7 @@ impl Lab {
             time_limit_ms: None,
             refusal: None,
             factor: TimeFactor::ONE,
+            language: None,
             population: Population::People,
             is_preview: false,
         }

@@ -228,3 +228,15 @@ async fn a_command_makes_no_database_and_touches_none_of_another_schema() {
         assert!(refused.to_string().contains(expected), "{refused}");
     }
 }
+
+#[tokio::test]
+async fn a_new_database_is_for_its_owner_alone() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let lab = Lab::open().await;
+    for suffix in ["", "-wal"] {
+        let file = format!("{}{suffix}", lab.path().display());
+        let mode = std::fs::metadata(&file).unwrap().permissions().mode();
+        assert_eq!(mode & 0o777, 0o600, "{file}");
+    }
+}

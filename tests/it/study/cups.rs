@@ -7,7 +7,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use riskaware::planning::table::{Outcome, Tower};
 use riskaware::study::step::{FieldError, Fields};
-use riskaware::study::{ReplayId, Reply, Step, StepError, StepKind, StepPlan, Study, built_in};
+use riskaware::study::{
+    ReplayId, Reply, Step, StepError, StepKind, StepPlan, Study, Words, built_in,
+};
 
 fn cups() -> Study {
     let (name, text) = built_in()
@@ -128,7 +130,12 @@ fn a_person_goes_on_who_saw_all_replays() {
     let study = cups();
     let plan = watching(&study, 1);
     let step = study.step(&plan).unwrap();
-    let read = |text: String| step.read(&Fields::from([("viewings".to_owned(), text)]));
+    let read = |text: String| {
+        step.read(
+            &Fields::from([("viewings".to_owned(), text)]),
+            &Words::english(),
+        )
+    };
     let shown = &plan.data.replays;
 
     let Ok(Reply::Watched { viewings: all }) = read(viewings(shown.iter().rev())) else {
@@ -166,9 +173,9 @@ fn a_page_without_scripts_names_no_viewings() {
     let nothing = Ok(Reply::Watched {
         viewings: Vec::new(),
     });
-    assert_eq!(step.read(&Fields::new()), nothing);
+    assert_eq!(step.read(&Fields::new(), &Words::english()), nothing);
     let empty = Fields::from([("viewings".to_owned(), String::new())]);
-    assert_eq!(step.read(&empty), nothing);
+    assert_eq!(step.read(&empty, &Words::english()), nothing);
 }
 
 #[test]

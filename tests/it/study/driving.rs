@@ -8,7 +8,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use riskaware::study::step::{Field, FieldKind, Fields};
 use riskaware::study::{
-    Include, RecruitingIds, Reply, Step, StepKind, StepPlan, Study, Weighting, built_in,
+    Include, RecruitingIds, Reply, Step, StepKind, StepPlan, Study, Weighting, Words, built_in,
 };
 
 pub fn driving() -> Study {
@@ -423,7 +423,7 @@ fn demographics_are_optional_and_the_attention_check_judges_nobody() {
         .unwrap();
     let step = study.step(&plan).unwrap();
     assert_eq!(
-        step.read(&Fields::new()),
+        step.read(&Fields::new(), &Words::english()),
         Ok(Reply::Filled {
             values: serde_json::Map::new()
         })
@@ -438,7 +438,7 @@ fn demographics_are_optional_and_the_attention_check_judges_nobody() {
         .unwrap();
     for (answer, passes) in [("rarely", true), ("often", false)] {
         let fields = Fields::from([("attention".to_owned(), answer.to_owned())]);
-        let Ok(Reply::Filled { values }) = step.read(&fields) else {
+        let Ok(Reply::Filled { values }) = step.read(&fields, &Words::english()) else {
             panic!("{answer} is refused")
         };
         assert_eq!(check.passes(&values), Some(passes), "{answer}");

@@ -8,7 +8,7 @@ use riskaware::model::ZeroOutcome;
 use riskaware::study::step::{ClientTiming, FieldError, Fields, InputDevice};
 use riskaware::study::{
     ActionId, CompletionCode, Include, PriorChange, RecruitingIds, Reply, Step, StepError,
-    StepKind, StepPlan, Study, Weighting,
+    StepKind, StepPlan, Study, Weighting, Words,
 };
 
 pub const GAMBLES: &str = include_str!("../../data/gambles.toml");
@@ -206,18 +206,27 @@ fn a_choice_is_one_of_the_actions_on_the_page() {
             action: ActionId::from(action),
         })
     };
-    assert_eq!(timed.read(&fields(&[("action", "bold")])), chose("bold"));
+    assert_eq!(
+        timed.read(&fields(&[("action", "bold")]), &Words::english()),
+        chose("bold")
+    );
     // A choice made at the last moment counts for more than the page's countdown.
     assert_eq!(
-        timed.read(&fields(&[("action", "bold"), ("timed_out", "1")])),
+        timed.read(
+            &fields(&[("action", "bold"), ("timed_out", "1")]),
+            &Words::english()
+        ),
         chose("bold")
     );
     assert_eq!(
-        timed.read(&fields(&[("timed_out", "1")])),
+        timed.read(&fields(&[("timed_out", "1")]), &Words::english()),
         Ok(Reply::GaveUp)
     );
     assert_eq!(
-        timed.read(&fields(&[("timed_out", "1"), ("action", "")])),
+        timed.read(
+            &fields(&[("timed_out", "1"), ("action", "")]),
+            &Words::english()
+        ),
         Ok(Reply::GaveUp)
     );
     for nonsense in [
@@ -226,11 +235,15 @@ fn a_choice_is_one_of_the_actions_on_the_page() {
         &[],
         &[("timed_out", "0")],
     ] {
-        let errors = timed.read(&fields(nonsense)).unwrap_err();
+        let errors = timed
+            .read(&fields(nonsense), &Words::english())
+            .unwrap_err();
         assert_eq!(errors[0].field, "action", "{nonsense:?}");
     }
     assert!(
-        untimed.read(&fields(&[("timed_out", "1")])).is_err(),
+        untimed
+            .read(&fields(&[("timed_out", "1")]), &Words::english())
+            .is_err(),
         "there is no limit that could run out"
     );
 }
@@ -264,7 +277,7 @@ fn forms_are_checked_field_by_field() {
         .find(|plan| plan.kind == StepKind::Form)
         .unwrap();
     let step = study.step(&plan).unwrap();
-    let read = |entries: &[(&str, &str)]| match step.read(&fields(entries)) {
+    let read = |entries: &[(&str, &str)]| match step.read(&fields(entries), &Words::english()) {
         Ok(Reply::Filled { values }) => Ok(serde_json::Value::from(values).to_string()),
         Ok(other) => panic!("{other:?}"),
         Err(errors) => Err(errors.iter().map(FieldError::to_string).collect::<Vec<_>>()),
@@ -340,7 +353,13 @@ fn the_last_step_accepts_nothing() {
     let study = gambles();
     let plan = run(&study, 1).pop().unwrap();
     assert_eq!(plan.kind, StepKind::Thanks);
-    assert!(study.step(&plan).unwrap().read(&Fields::new()).is_err());
+    assert!(
+        study
+            .step(&plan)
+            .unwrap()
+            .read(&Fields::new(), &Words::english())
+            .is_err()
+    );
 }
 
 /// Questions with their own actions, and no factor at all.

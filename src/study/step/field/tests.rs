@@ -48,7 +48,9 @@ fn read(field: &Field, posted: &[(&str, &str)]) -> Result<Map<String, Value>, Ve
         .map(|(name, value)| ((*name).to_owned(), (*value).to_owned()))
         .collect();
     let mut values = Map::new();
-    field.read(&posted, &mut values).map(|()| values)
+    field
+        .read(&posted, &crate::study::Words::english(), &mut values)
+        .map(|()| values)
 }
 
 #[test]

@@ -1,0 +1,166 @@
+//! One study while it runs.
+
+use askama::Template;
+use askama_web::WebTemplate;
+use axum::{
+    Extension,
+    extract::{Path, State},
+};
+
+use super::{
+    super::{
+        Error,
+        access::{Caller, Need},
+        accounts::Who,
+        assets,
+    },
+    Head, Parts, current,
+    progress::Progress,
+    state::{Button, buttons},
+    words,
+};
+use crate::{
+    store::{AuditOutcome, AuditRow, Store},
+    study::{Study, StudyId},
+};
+
+/// How many looks at a blind study are listed.
+const LOOKS: usize = 10;
+/// How far back in the log they are searched for.
+const LOG_ROWS: u32 = 2_000;
+
+#[derive(Template, WebTemplate)]
+#[template(path = "studies/overview.html")]
+pub(super) struct OverviewPage {
+    head: Head,
+    state_id: &'static str,
+    buttons: Vec<Button>,
+    /// What the study file says about recruiting: what, value.
+    terms: Vec<(&'static str, String)>,
+    /// Whether everybody may see the results; none where this reader may not change it.
+    is_public: Option<bool>,
+    blind: Option<BlindState>,
+    progress: Progress,
+}
+
+/// A study that hides its results for now, or did.
+struct BlindState {
+    until: String,
+    /// How many are missing, in words; empty once results are shown.
+    missing: String,
+    /// Who looked: when, who, what, outcome.
+    looks: Vec<[String; 4]>,
+}
+
+/// GET `/studies/STUDY`.
+pub(super) async fn show(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Extension(caller): Extension<Caller>,
+    Path(study): Path<StudyId>,
+) -> Result<OverviewPage, Error> {
+    let served = current(&catalogue, &study)?;
+    let state = store.study(&study).await?.state;
+    let head = Head::new(&store, &settings, &caller, &served, "").await?;
+    let is_public = match &caller {
+        Caller::Account(_) if caller.may(Need::Manage) => Some(store.is_public(&study).await?),
+        Caller::Account(_) | Caller::Local | Caller::Nobody | Caller::Token(_) => None,
+    };
+    let completed = store.totals(&study, settings.population).await?.completed;
+    Ok(OverviewPage {
+        state_id: state.as_str(),
+        buttons: if head.may_manage {
+            buttons(state)
+        } else {
+            Vec::new()
+        },
+        terms: terms(&served),
+        is_public,
+        blind: blind(&store, &served, completed, head.may_data).await?,
+        progress: Progress::read(&store, settings.population, &served).await?,
+        head,
+    })
+}
+
+/// GET `/studies/STUDY/data/progress.html`: what the open page fetches when something has changed.
+pub(super) async fn progress(
+    (State(store), State(catalogue), State(settings)): Parts,
+    Path(study): Path<StudyId>,
+) -> Result<Progress, Error> {
+    let served = current(&catalogue, &study)?;
+    Progress::read(&store, settings.population, &served).await
+}
+
+fn terms(study: &Study) -> Vec<(&'static str, String)> {
+    let recruiting = study.recruiting();
+    let mut terms = Vec::new();
+    if let Some(quota) = recruiting.quota {
+        terms.push(("Quota", words::people(quota.into())));
+    }
+    if let Some(opens) = recruiting.opens {
+        terms.push(("From", words::moment(opens)));
+    }
+    if let Some(closes) = recruiting.closes {
+        terms.push(("Until before", words::moment(closes)));
+    }
+    if !recruiting.devices.is_empty() {
+        let devices: Vec<&str> = recruiting
+            .devices
+            .iter()
+            .map(|device| device.as_str())
+            .collect();
+        terms.push(("Devices", devices.join(", ")));
+    }
+    if let Some(limit_ms) = recruiting.time_limit_ms {
+        let limit = words::duration(limit_ms.unsigned_abs());
+        terms.push(("A place is kept for", limit));
+    }
+    if let Some(retention) = recruiting.retention {
+        terms.push(("Can be withdrawn until", words::moment(retention)));
+    }
+    terms
+}
+
+async fn blind(
+    store: &Store,
+    study: &Study,
+    completed: u64,
+    may_see_looks: bool,
+) -> Result<Option<BlindState>, Error> {
+    let Some(until) = study.blind_until() else {
+        return Ok(None);
+    };
+    let looks = if may_see_looks {
+        let rows = store.audit(None, LOG_ROWS).await?;
+        rows.into_iter()
+            .filter(|row| row.entry.study.as_ref() == Some(study.id()))
+            // Watching how a study goes shows nothing of its results.
+            .filter(|row| row.entry.action.starts_with("look at"))
+            .filter(|row| row.entry.action != "look at the participants")
+            .take(LOOKS)
+            .map(look)
+            .collect()
+    } else {
+        Vec::new()
+    };
+    Ok(Some(BlindState {
+        until: words::people(until),
+        missing: match until.saturating_sub(completed) {
+            0 => String::new(),
+            1 => "1 person is missing".to_owned(),
+            missing => format!("{} are missing", words::people(missing)),
+        },
+        looks,
+    }))
+}
+
+fn look(row: AuditRow) -> [String; 4] {
+    [
+        words::moment(row.at),
+        row.entry.actor,
+        row.entry.action,
+        match row.entry.outcome {
+            AuditOutcome::Done => "let".to_owned(),
+            AuditOutcome::Refused => "refused".to_owned(),
+        },
+    ]
+}
