@@ -5,6 +5,7 @@ use std::io;
 use super::cell::text;
 use super::wide::each_page;
 use super::{Export, ExportError, Ids};
+use crate::store::ParticipantRow;
 
 /// The header: who, and how much in the study's currency.
 pub(super) const HEADER: [&str; 2] = ["participant", "amount"];
@@ -17,7 +18,7 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     let mut count = 0;
     each_page(export, |participants| {
         for participant in participants {
-            let Some(amount) = participant.bonus else {
+            let Some(amount) = amount(export, participant) else {
                 continue;
             };
             let id = match export.ids {
@@ -29,11 +30,19 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
                     .map(text),
             };
             let Some(id) = id else { continue };
-            writer.write_record([id, format!("{amount:.2}")])?;
+            writer.write_record([id, amount])?;
             count += 1;
         }
         Ok(())
     })?;
     writer.flush()?;
     Ok(count)
+}
+
+/// A participant's bonus with the digits of its currency, which is that of the participant's version.
+pub(super) fn amount(export: &Export, participant: &ParticipantRow) -> Option<String> {
+    let terms = export.versions.of(participant.version).bonus();
+    participant
+        .bonus
+        .map(|amount| terms.map_or_else(|| amount.to_string(), |terms| terms.digits(amount)))
 }

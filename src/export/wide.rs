@@ -7,14 +7,17 @@ use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
 use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
-use super::{Export, ExportError, wide_columns};
-use crate::store::{ParticipantRow, RunId, RunState, StepAnswer};
+use super::{Export, ExportError, bonus, wide_columns};
+use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
+use crate::study::step::Field;
+use crate::study::{Asks, BlockId};
 
 /// Participants that are read at once, with all of their answers.
 const PAGE_PARTICIPANTS: u32 = 200;
 
 pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
     let columns = wide_columns::all(export);
+    let forms = forms(export);
     let mut writer = csv::Writer::from_writer(out);
     writer.write_record(columns.iter().map(|column| column.column.name.as_str()))?;
     let mut count = 0;
@@ -43,7 +46,7 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
                 .count();
             let (of_this, others) = answers.split_at(own);
             answers = others;
-            let row = Row::new(export, participant, of_this)?;
+            let row = Row::new(export, &forms, participant, of_this)?;
             writer.write_record(columns.iter().map(|column| row.cell(column)))?;
             count += 1;
         }
@@ -74,9 +77,26 @@ pub(super) fn each_page(
     }
 }
 
+/// The fields of every form of every readable version.
+type Forms<'a> = BTreeMap<(VersionId, &'a BlockId), &'a [Field]>;
+
+fn forms(export: &Export) -> Forms<'_> {
+    let contents = export
+        .versions
+        .iter()
+        .flat_map(|(version, study)| study.contents().map(move |contents| (version, contents)));
+    contents
+        .filter_map(|(version, contents)| match contents.asks {
+            Asks::Fields(fields) => Some(((version, contents.block), fields)),
+            Asks::Nothing | Asks::Consent(_) | Asks::Choices { .. } => None,
+        })
+        .collect()
+}
+
 /// A participant with their steps by name.
 struct Row<'a> {
     export: &'a Export,
+    forms: &'a Forms<'a>,
     participant: &'a ParticipantRow,
     steps: BTreeMap<StepKey, (&'a StepAnswer, Map<String, Value>)>,
 }
@@ -84,6 +104,7 @@ struct Row<'a> {
 impl<'a> Row<'a> {
     fn new(
         export: &'a Export,
+        forms: &'a Forms<'a>,
         participant: &'a ParticipantRow,
         answers: &'a [StepAnswer],
     ) -> Result<Self, ExportError> {
@@ -102,6 +123,7 @@ impl<'a> Row<'a> {
         }
         Ok(Self {
             export,
+            forms,
             participant,
             steps,
         })
@@ -127,9 +149,7 @@ impl<'a> Row<'a> {
                     .finished_at
                     .map(|at| at.millis_since(participant.started_at)),
             ),
-            WideCell::Bonus => participant
-                .bonus
-                .map_or_else(String::new, |amount| format!("{amount:.2}")),
+            WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Platform => words(participant.platform.as_deref()),
             WideCell::PlatformKey => words(participant.platform_key.as_deref()),
             WideCell::PlatformId => words(
@@ -154,7 +174,7 @@ impl<'a> Row<'a> {
                 | StepCell::Member(_)
                 | StepCell::Clause(_)
                 | StepCell::Chosen { .. }
-                | StepCell::Score { .. }
+                | StepCell::Score(_)
                 | StepCell::Passed(_) => String::new(),
             };
         };
@@ -176,8 +196,23 @@ impl<'a> Row<'a> {
                     .and_then(Value::as_array)
                     .map(|chosen| chosen.iter().any(|chosen| chosen == option.as_str())),
             ),
-            StepCell::Score { field, item } => number(field.score(item, members)),
-            StepCell::Passed(field) => number(field.passes(members)),
+            StepCell::Score(item) => number(
+                self.fields(key)
+                    .iter()
+                    .find_map(|field| field.score(item, members)),
+            ),
+            StepCell::Passed(id) => number(
+                self.fields(key)
+                    .iter()
+                    .find(|field| field.id == *id)
+                    .and_then(|field| field.passes(members)),
+            ),
         }
+    }
+
+    /// The fields of a form as the participant saw them; none where their version has no such form.
+    fn fields(&self, key: &StepKey) -> &[Field] {
+        let form = (self.participant.version, &key.block);
+        self.forms.get(&form).copied().unwrap_or_default()
     }
 }

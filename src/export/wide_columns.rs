@@ -19,7 +19,7 @@ pub(super) struct WideColumn {
 }
 
 /// What a cell of the wide table tells.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum WideCell {
     Study,
     Version,
@@ -49,7 +49,7 @@ pub(super) struct StepKey {
 }
 
 /// What is told of a step.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum StepCell {
     Action,
     Status,
@@ -64,22 +64,18 @@ pub(super) enum StepCell {
         field: String,
         option: String,
     },
-    /// The score of an item of a scale.
-    Score {
-        field: Box<Field>,
-        item: String,
-    },
-    /// Whether an attention check was passed.
-    Passed(Box<Field>),
+    /// The score of this item of a scale, as the participant's version has the scale.
+    Score(String),
+    /// Whether the attention check in this field was passed, as the participant's version has it.
+    Passed(String),
 }
 
 /// The wide table's columns.
 pub(super) fn all(export: &Export) -> Vec<WideColumn> {
-    let mut columns = wide_head(export);
-    let mut seen: BTreeSet<String> = columns
-        .iter()
-        .map(|column| column.column.name.clone())
-        .collect();
+    let mut columns = Columns::default();
+    for column in wide_head(export) {
+        columns.add(column);
+    }
     for study in export.versions_current_first() {
         for column in study.contents().flat_map(|contents| {
             let block = contents.block;
@@ -96,12 +92,36 @@ pub(super) fn all(export: &Export) -> Vec<WideColumn> {
                 Asks::Fields(fields) => form_columns(block, contents.title.unwrap_or(""), fields),
             }
         }) {
-            if seen.insert(column.column.name.clone()) {
-                columns.push(column);
-            }
+            columns.add(column);
         }
     }
-    columns
+    columns.columns
+}
+
+/// Columns that differ in their names and in what their cells tell.
+#[derive(Default)]
+struct Columns {
+    columns: Vec<WideColumn>,
+    names: BTreeSet<String>,
+    cells: BTreeSet<WideCell>,
+}
+
+impl Columns {
+    /// Adds a column unless it is there, as most columns of an earlier version are. A field's id may make the name of
+    /// another column, such as that of its form's status, or in another version its block asked something else: the
+    /// later column is numbered then. No id holds `_`, so that this name is nobody's.
+    fn add(&mut self, mut column: WideColumn) {
+        if !self.cells.insert(column.cell.clone()) {
+            return;
+        }
+        let wanted = column.column.name.clone();
+        let mut number = 1;
+        while !self.names.insert(column.column.name.clone()) {
+            number += 1;
+            column.column.name = format!("{wanted}_{number}");
+        }
+        self.columns.push(column);
+    }
 }
 
 fn wide_head(export: &Export) -> Vec<WideColumn> {
@@ -405,7 +425,7 @@ fn field_columns(block: &BlockId, field: &Field) -> Vec<WideColumn> {
             .collect(),
         FieldKind::Likert { points, items } => items
             .iter()
-            .flat_map(|item| item_columns(block, field, points, item))
+            .flat_map(|item| item_columns(block, points, item))
             .collect(),
     };
     if field.is_attention_check() {
@@ -417,7 +437,7 @@ fn field_columns(block: &BlockId, field: &Field) -> Vec<WideColumn> {
                 "Whether this attention check was answered as it asks",
             )
             .missing_as(&FIELD_MISSING),
-            cell: step(block, None, StepCell::Passed(Box::new(field.clone()))),
+            cell: step(block, None, StepCell::Passed(field.id.clone())),
         });
     }
     columns
@@ -481,12 +501,7 @@ fn chosen_column(block: &BlockId, field: &Field, option: &FieldOption) -> WideCo
 }
 
 /// The point that was chosen, and for a reversed item the score as well.
-fn item_columns(
-    block: &BlockId,
-    field: &Field,
-    points: &[String],
-    item: &LikertItem,
-) -> Vec<WideColumn> {
+fn item_columns(block: &BlockId, points: &[String], item: &LikertItem) -> Vec<WideColumn> {
     let levels = || {
         (1..)
             .zip(points)
@@ -515,19 +530,13 @@ fn item_columns(
                 format!("{}: score", item.text),
                 ColumnKind::Integer,
                 format!(
-                    "{} plus 1 minus the point: this item is reversed",
+                    "{} plus 1 minus the point: this item is reversed; on the scale of the participant's version of the \
+                     study, where it had another one",
                     points.len()
                 ),
             )
             .missing_as(&FIELD_MISSING),
-            cell: step(
-                block,
-                None,
-                StepCell::Score {
-                    field: Box::new(field.clone()),
-                    item: item.id.clone(),
-                },
-            ),
+            cell: step(block, None, StepCell::Score(item.id.clone())),
         });
     }
     columns

@@ -73,7 +73,10 @@ pub fn read(
         match columns.read(mapping, &questions, &record, now) {
             Ok(Asked::Practice) => people.left_out += 1,
             Ok(Asked::Choice(answer)) => faults.extend(people.add(*answer)),
-            Err(found) => faults.extend(found),
+            Err(found) => {
+                debug_assert!(!found.is_empty(), "a refused row without a fault is lost");
+                faults.extend(found);
+            }
         }
     }
     if faults.is_empty() && people.runs.is_empty() {

@@ -191,9 +191,21 @@ impl<'a> Row<'a> {
         }
         let is_completed = match self.value("run_state").map(str::parse::<RunState>) {
             None | Some(Ok(RunState::Completed)) => true,
-            Some(Ok(_)) => false,
-            Some(Err(_)) => {
-                faults.push(self.fault("run_state", "completed, active, or empty"));
+            Some(Ok(RunState::Active)) => false,
+            Some(
+                Ok(
+                    RunState::Declined
+                    | RunState::ScreenedOut
+                    | RunState::FailedCheck
+                    | RunState::TimedOut
+                    | RunState::Withdrawn,
+                )
+                | Err(_),
+            ) => {
+                faults.push(self.fault(
+                    "run_state",
+                    "completed, active, or empty; `[values.run_state]` of a mapping can take another state for one of them",
+                ));
                 true
             }
         };
@@ -239,7 +251,7 @@ impl<'a> Row<'a> {
         faults: &mut Vec<Fault>,
     ) -> Option<&'q Question> {
         let (problem, named_by) = match self.columns.of("problem") {
-            Some(_) => (self.value("problem")?.to_owned(), "problem"),
+            Some(_) => (self.value("problem").unwrap_or("").to_owned(), "problem"),
             None => {
                 let levels: Vec<&str> = self
                     .columns

@@ -53,10 +53,11 @@ pub(super) struct Import {
     study: StudyId,
     version: VersionId,
     source: String,
-    people: Vec<(String, ImportedRun)>,
+    people: Vec<(String, Judged)>,
 }
 
 /// What the rules make of one run.
+#[derive(Debug)]
 struct Judged {
     steps: Vec<DrawnStep>,
     started_at: Timestamp,
@@ -64,14 +65,19 @@ struct Judged {
     moments: Vec<Moment>,
 }
 
+#[derive(Debug)]
 enum Moment {
     Shown(u32, Timestamp),
     Submitted(Box<Sent>),
 }
 
-/// A form with what it did.
+/// A form with what it did, as it is stored.
+#[derive(Debug)]
 struct Sent {
-    submission: Submission,
+    key: String,
+    body: Body,
+    text: String,
+    body_hash: String,
     verdict: Verdict,
     closed: Closed,
     at: Timestamp,
@@ -79,6 +85,9 @@ struct Sent {
 
 impl Store {
     /// Stores answers from elsewhere in one transaction: all of them or none. `source` is what tables by source show.
+    ///
+    /// The rules judge every run before the transaction begins: while it lasts, no server that shares the file can store
+    /// an answer, so that nothing is done in it but writing.
     ///
     /// # Errors
     /// `Refused` where somebody was imported before or a rule of runs does not allow an answer, `NotFound` for an unknown study; nothing is stored
@@ -95,9 +104,9 @@ impl Store {
             .into_iter()
             .map(|run| {
                 let key = secret.platform_key(study, PLATFORM, &run.participant);
-                (key, run)
+                Ok((key, judge(&run)?))
             })
-            .collect();
+            .collect::<Result<_, Error>>()?;
         let import = Box::new(Import {
             study: study.clone(),
             version,
@@ -138,7 +147,7 @@ impl Store {
     }
 }
 
-/// Judges all runs, and only then writes them.
+/// Writes all runs, unless somebody was imported before.
 pub(super) async fn write(
     connection: &mut SqliteConnection,
     import: &Import,
@@ -161,28 +170,14 @@ pub(super) async fn write(
         let refused = format!("{} of these people were imported before", known.len());
         return Ok((Err(Error::Refused(refused)), Vec::new()));
     }
-    let judged: Result<Vec<Judged>, Error> =
-        import.people.iter().map(|(_, run)| judge(run)).collect();
-    let mut judged = match judged {
-        Ok(judged) => judged,
-        Err(refused) => return Ok((Err(refused), Vec::new())),
-    };
     let next = next_ids(connection).await?;
-    begin(connection, import, &judged, next.run).await?;
+    begin(connection, import, next.run).await?;
     let problems = problems_of(connection, next.run).await?;
-    let changes = answer(
-        connection,
-        import,
-        &mut judged,
-        next.run,
-        next.event,
-        &problems,
-    )
-    .await?;
+    let changes = answer(connection, import, next.run, next.event, &problems).await?;
     if changes.is_empty() {
         return Ok((Err(Error::NotFound("study")), Vec::new()));
     }
-    Ok((Ok(judged.len() as u64), changes))
+    Ok((Ok(import.people.len() as u64), changes))
 }
 
 /// The steps of a run: its questions, an end, and what keeps clocks apart.
@@ -283,8 +278,13 @@ fn judge(run: &ImportedRun) -> Result<Judged, Error> {
                 "the answer at position {position} does not close its question"
             ))
         })?;
+        let body = Body::of(&submission);
+        let text = json(&body);
         moments.push(Moment::Submitted(Box::new(Sent {
-            submission,
+            key: submission.key,
+            body,
+            body_hash: HEXLOWER.encode(&Sha256::digest(&text)),
+            text,
             verdict: judgement.verdict,
             closed,
             at,
@@ -312,11 +312,10 @@ fn facts_of(step: &DrawnStep) -> StepFacts {
 async fn begin(
     connection: &mut SqliteConnection,
     import: &Import,
-    judged: &[Judged],
     first_run: i64,
 ) -> Result<(), sqlx::Error> {
     let mut effects = Effects::default();
-    for ((id, judged), (key, _)) in (first_run..).zip(judged).zip(&import.people) {
+    for (id, (key, judged)) in (first_run..).zip(&import.people) {
         effects.runs.push(NewRunRow {
             id: RunId(id),
             study_id: import.study.clone(),
@@ -380,7 +379,6 @@ async fn problems_of(
 async fn answer(
     connection: &mut SqliteConnection,
     import: &Import,
-    judged: &mut [Judged],
     first_run: i64,
     first_event: i64,
     problems: &HashMap<(RunId, u32), ProblemId>,
@@ -394,7 +392,7 @@ async fn answer(
         id
     };
     let mut facts = BTreeMap::new();
-    for (id, judged) in (first_run..).map(RunId).zip(judged) {
+    for (id, (_, judged)) in (first_run..).map(RunId).zip(&import.people) {
         let total = effects
             .populations
             .entry((import.study.clone(), Population::People))
@@ -409,7 +407,7 @@ async fn answer(
             &mut effects,
             of_server(id, 0, EventKind::Started, judged.started_at),
         );
-        for moment in &mut judged.moments {
+        for moment in &judged.moments {
             match moment {
                 Moment::Shown(position, at) => {
                     event(
@@ -418,24 +416,22 @@ async fn answer(
                     );
                 }
                 Moment::Submitted(sent) => {
-                    let body = Body::of(&sent.submission);
-                    let text = json(&body);
+                    let mut closed = sent.closed.clone();
+                    closed.problem = problems.get(&(id, closed.position)).copied();
                     let event = event(
                         &mut effects,
                         NewEvent {
-                            key: Some(sent.submission.key.clone()),
-                            body_hash: Some(HEXLOWER.encode(&Sha256::digest(&text))),
+                            key: Some(sent.key.clone()),
+                            body_hash: Some(sent.body_hash.clone()),
                             verdict: Some(sent.verdict),
-                            body: Some(text),
-                            ..of_server(id, sent.submission.position, EventKind::Submitted, sent.at)
+                            body: Some(sent.text.clone()),
+                            ..of_server(id, closed.position, EventKind::Submitted, sent.at)
                         },
                     );
-                    let closed = &mut sent.closed;
-                    closed.problem = problems.get(&(id, closed.position)).copied();
-                    count(&mut effects, import, closed, &sent.submission.reply);
+                    count(&mut effects, import, &closed, &sent.body.reply);
                     effects
                         .answers
-                        .push(NewAnswer::of(event, id, closed, Some(&body)));
+                        .push(NewAnswer::of(event, id, &closed, Some(&sent.body)));
                 }
             }
         }

@@ -67,8 +67,13 @@ impl Bonus {
 
     /// An amount with its currency, such as `GBP 4.50`.
     pub fn format(&self, amount: f64) -> String {
+        format!("{} {}", self.currency, self.digits(amount))
+    }
+
+    /// An amount without its currency, to the currency's smallest unit, such as `4.50`.
+    pub fn digits(&self, amount: f64) -> String {
         let digits = minor_digits(&self.currency);
-        format!("{} {amount:.digits$}", self.currency)
+        format!("{amount:.digits$}")
     }
 }
 

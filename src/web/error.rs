@@ -45,8 +45,11 @@ pub enum Error {
     #[error("the body must be JSON, sent with the header `content-type: application/json`")]
     UnsupportedMediaType,
     /// More than any form or call needs.
-    #[error("the body is too large; allowed: {} KiB", super::BODY_LIMIT / 1024)]
-    TooLarge,
+    #[error("the body is too large; allowed: {} KiB", allowed / 1024)]
+    TooLarge {
+        /// How many bytes the address takes.
+        allowed: usize,
+    },
     /// Understood, but a value is not allowed.
     #[error("{0}")]
     Unprocessable(String),
@@ -74,7 +77,7 @@ impl Error {
             Self::Forbidden(_) | Self::Blind(_) => StatusCode::FORBIDDEN,
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
-            Self::TooLarge => StatusCode::PAYLOAD_TOO_LARGE,
+            Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
             Self::Unprocessable(_) => StatusCode::UNPROCESSABLE_ENTITY,
             Self::Conflict(_) => StatusCode::CONFLICT,
             Self::Closed(_) => StatusCode::GONE,
@@ -95,7 +98,7 @@ impl Error {
                 | Self::Forbidden(_)
                 | Self::BadRequest(_)
                 | Self::UnsupportedMediaType
-                | Self::TooLarge
+                | Self::TooLarge { .. }
                 | Self::Unprocessable(_)
                 | Self::Conflict(_)
                 | Self::Closed(_)
@@ -133,7 +136,7 @@ impl Error {
             | Self::Blind(_)
             | Self::BadRequest(_)
             | Self::UnsupportedMediaType
-            | Self::TooLarge
+            | Self::TooLarge { .. }
             | Self::Unprocessable(_)
             | Self::Conflict(_)
             | Self::Closed(_)

@@ -53,7 +53,7 @@ use crate::{
     store::{Population, Store},
 };
 
-/// The largest body that any form or API call needs, with room to spare.
+/// The largest body that any page or API call needs, with room to spare; forms of studies have a limit of their own.
 const BODY_LIMIT: usize = 64 * 1024;
 /// A body must have arrived by then, however slowly it dribbles.
 const BODY_DEADLINE: Duration = Duration::from_secs(20);

@@ -3,9 +3,10 @@
 use riskaware::{
     clock::Clock,
     jobs::Catalogue,
-    store::{AnswerKey, AnswerRow, AnswerStatus, Options, Population, Store},
+    store::{AnswerKey, AnswerRow, AnswerStatus, Error, ImportedRun, Options, Population, Store},
     study,
 };
+use sqlx::{Connection, SqliteConnection, sqlite::SqliteConnectOptions};
 use tempfile::TempDir;
 
 use crate::program::{riskaware, stderr, stdout};
@@ -193,6 +194,56 @@ b,explicit/untimed/high,stop,answered,,soon
         assert!(told.contains(expected), "{expected} in {told}");
     }
     assert_eq!(place.answers().await, []);
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn no_row_is_dropped_and_no_end_is_taken_for_another_unless_a_mapping_says_so() {
+    let place = Place::new().await;
+    let csv = "participant,problem,action,run_state
+a,explicit/untimed/low,stop,completed
+a,,stop,completed
+b,explicit/untimed/low,stop,screened_out
+c,explicit/untimed/low,stop,withdrawn
+";
+    let told = place.imports(csv, None).unwrap_err();
+    for expected in [
+        "3 cells",
+        "line 3, column problem: found ``; allowed: baseline:",
+        "line 4, column run_state: found `screened_out`; allowed: completed, active",
+        "line 5, column run_state: found `withdrawn`",
+    ] {
+        assert!(told.contains(expected), "{expected} in {told}");
+    }
+    let mapping = "[values.run_state]\nscreened_out = \"active\"\nwithdrawn = \"active\"";
+    let whole = csv.replace("a,,stop,completed\n", "");
+    place.imports(&whole, Some(mapping)).unwrap();
+    assert_eq!(place.answers().await.len(), 3);
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn runs_are_judged_before_the_database_is_held() {
+    let place = Place::new().await;
+    let driving = "driving".into();
+    let version = place.store.study(&driving).await.unwrap().version;
+    let file = SqliteConnectOptions::new().filename(place.path("test.db"));
+    let mut other = SqliteConnection::connect_with(&file).await.unwrap();
+    sqlx::query("begin immediate")
+        .execute(&mut other)
+        .await
+        .unwrap();
+    let nobody = ImportedRun {
+        participant: "a".to_owned(),
+        answers: Vec::new(),
+        is_completed: true,
+    };
+    let imported = place
+        .store
+        .import(&driving, version, "lab-2019", vec![nobody])
+        .await;
+    assert!(matches!(imported, Err(Error::Refused(_))), "{imported:?}");
+    other.close().await.unwrap();
     place.store.close().await;
 }
 

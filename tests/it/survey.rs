@@ -372,7 +372,9 @@ async fn nonsense_is_answered_with_what_is_wrong() {
     ] {
         assert_eq!(app.get(path).await.status.as_u16(), status, "{path}");
     }
-    let huge = "x".repeat(200_000);
+    let huge = "x".repeat(600_000);
+    // What a form may hold, in letters that are sent as nine bytes each.
+    let long = format!("step=0&key=k&words={}", "%E6%B0%B4".repeat(50_000));
     for (path, body, status) in [
         (link.as_str(), "", 400),
         (link.as_str(), "step=0", 400),
@@ -381,6 +383,7 @@ async fn nonsense_is_answered_with_what_is_wrong() {
         (link.as_str(), "step=0&key=k&consent=maybe", 422),
         (link.as_str(), "step=7&key=k&action=stop", 409),
         (link.as_str(), "step=999&key=k&action=stop", 404),
+        (link.as_str(), long.as_str(), 422),
         (link.as_str(), huge.as_str(), 413),
         ("/", "", 405),
         (unknown.as_str(), "step=0&key=k", 404),

@@ -5,7 +5,7 @@ use super::{fields, rules};
 use crate::study::document::{Fault, KeyPath};
 use crate::study::file::RawForm;
 use crate::study::markup;
-use crate::study::step::{Check, Field, FormText};
+use crate::study::step::{Check, Field, FormStep, FormText};
 use crate::study::template::Scope;
 use crate::study::words::Words;
 
@@ -42,6 +42,7 @@ pub(super) fn read(
         .map(|(index, raw)| fields::read(raw, scope, &list.index(index)))
         .collect::<Result<Vec<Field>, Fault>>()?;
     check_names(&fields, &list)?;
+    check_size(&fields, &list)?;
     let form = FormText {
         title: rules::filled_line(&raw.title, scope, &at.key("title"))?,
         text_html: rules::filled_markdown(&raw.text, scope, &at.key("text"))?,
@@ -81,6 +82,19 @@ fn check_names(fields: &[Field], list: &KeyPath) -> Result<(), Fault> {
         }
     }
     Ok(())
+}
+
+/// What can be written into a form is sent at once.
+fn check_size(fields: &[Field], list: &KeyPath) -> Result<(), Fault> {
+    let most = FormStep::MOST_CHARACTERS;
+    let characters: usize = fields.iter().map(Field::max_characters).sum();
+    if characters <= most {
+        return Ok(());
+    }
+    Err(list.fault(
+        format!("texts of up to {characters} characters in one form"),
+        format!("up to {most}: smaller `max_length`, or a second form"),
+    ))
 }
 
 fn check(

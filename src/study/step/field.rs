@@ -143,6 +143,19 @@ impl Field {
         Some(if item.reverse { of + 1 - point } else { point })
     }
 
+    /// How many characters a person can write into it.
+    pub(in crate::study) fn max_characters(&self) -> usize {
+        match &self.kind {
+            FieldKind::Text { max_length } | FieldKind::LongText { max_length } => *max_length,
+            FieldKind::Choice { other: true, .. } => Self::OTHER_MAX_LENGTH,
+            FieldKind::Integer { .. }
+            | FieldKind::Number { .. }
+            | FieldKind::Choice { other: false, .. }
+            | FieldKind::Choices { .. }
+            | FieldKind::Likert { .. } => 0,
+        }
+    }
+
     /// Whether it, or an item of its scale, is an instructed-response item.
     pub fn is_attention_check(&self) -> bool {
         match &self.kind {
@@ -258,7 +271,7 @@ impl Field {
                 .map(Value::from)
                 .ok_or_else(|| self.error(words.number(*min, *max, *digits)))?,
             FieldKind::Text { max_length } | FieldKind::LongText { max_length } => {
-                Value::from(self.check_length(given, *max_length, words)?)
+                Value::from(self.within(given, *max_length, words)?)
             }
             FieldKind::Choice { options, other } => {
                 let is_other = *other && given == Self::OTHER;
@@ -270,7 +283,7 @@ impl Field {
                         .get(&self.other_name())
                         .map_or("", |text| text.trim());
                     if !own.is_empty() {
-                        let own = self.check_length(own, Self::OTHER_MAX_LENGTH, words)?;
+                        let own = self.within(own, Self::OTHER_MAX_LENGTH, words)?;
                         values.insert(self.other_name(), Value::from(own));
                     }
                 }
@@ -354,12 +367,10 @@ impl Field {
         }
     }
 
-    fn check_length<'a>(
-        &self,
-        text: &'a str,
-        max_length: usize,
-        words: &Words,
-    ) -> Result<&'a str, FieldError> {
+    /// The text if it is not too long. A form posts a line's end as two characters; the page's own limit and the data
+    /// have one.
+    fn within(&self, text: &str, max_length: usize, words: &Words) -> Result<String, FieldError> {
+        let text = text.replace("\r\n", "\n");
         let length = text.chars().count();
         if length > max_length {
             return Err(self.error(words.too_long(max_length, length)));

@@ -59,6 +59,8 @@ impl FormStep<'_> {
     pub const PASSED: &'static str = "_passed";
     /// The value of a comprehension check that says how many attempts were made. No field can have this id.
     pub const ATTEMPTS: &'static str = "_attempts";
+    /// How many characters the texts of one form may have together.
+    pub const MOST_CHARACTERS: usize = 50_000;
 
     pub(super) fn read(&self, fields: &Fields, words: &Words) -> Result<Reply, Vec<FieldError>> {
         let mut values = Map::new();

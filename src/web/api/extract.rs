@@ -67,7 +67,9 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Body<T> {
                 let detail = detail(&rejection.body_text());
                 ApiError(match rejection.status() {
                     StatusCode::UNSUPPORTED_MEDIA_TYPE => Error::UnsupportedMediaType,
-                    StatusCode::PAYLOAD_TOO_LARGE => Error::TooLarge,
+                    StatusCode::PAYLOAD_TOO_LARGE => Error::TooLarge {
+                        allowed: crate::web::BODY_LIMIT,
+                    },
                     StatusCode::UNPROCESSABLE_ENTITY => Error::Unprocessable(detail),
                     _ => Error::BadRequest(format!("the body is not JSON: {detail}")),
                 })

@@ -11,14 +11,18 @@ mod withdrawal;
 
 use axum::{
     Extension, Router,
-    extract::FromRequestParts,
+    extract::{DefaultBodyLimit, FromRequestParts},
     http::{Method, request::Parts},
     response::{IntoResponse, Response},
     routing::{get, post},
 };
 
 use super::{AppState, Error, headers::FramedBy};
-use crate::study::Study;
+use crate::study::{Study, step::FormStep};
+
+/// The largest form that a study can ask for. A page counts a text in units of UTF-16, and each may be sent as nine bytes
+/// (three of UTF-8, each as `%` with two digits); the rest is for names and values that are no texts.
+const FORM_LIMIT: usize = 9 * FormStep::MOST_CHARACTERS + 64 * 1024;
 
 pub(super) fn router() -> Router<AppState> {
     Router::new()
@@ -27,7 +31,12 @@ pub(super) fn router() -> Router<AppState> {
             "/s/{study}/a/{token}",
             get(arrival::landing).post(arrival::start),
         )
-        .route("/r/{token}", get(run::current).post(run::answer))
+        .route(
+            "/r/{token}",
+            get(run::current)
+                .post(run::answer)
+                .layer(DefaultBodyLimit::max(FORM_LIMIT)),
+        )
         .route("/studies/{study}/preview", post(arrival::preview))
         .route(
             "/r/{token}/withdraw",

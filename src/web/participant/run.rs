@@ -115,7 +115,9 @@ fn led_on(
 
 fn unreadable(rejection: FormRejection) -> Error {
     if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
-        return Error::TooLarge;
+        return Error::TooLarge {
+            allowed: super::FORM_LIMIT,
+        };
     }
     Error::BadRequest(format!("the form could not be read: {rejection}"))
 }

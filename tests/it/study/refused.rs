@@ -605,6 +605,25 @@ fn forms() {
 }
 
 #[test]
+fn a_form_that_could_be_too_long_to_be_sent() {
+    let field = |number: usize| {
+        format!(
+            "id = \"remark-{number}\"\nkind = \"long_text\"\nlabel = \"Anything?\"\nmax_length = 5000\n"
+        )
+    };
+    let fields: Vec<String> = (0..10).map(field).collect();
+    let remark = "id = \"remark\"\nkind = \"text\"\nlabel = \"Anything else?\"\nmax_length = 10\n";
+    // The own words of the field before it are the 200 that are too many.
+    check(
+        remark,
+        &fields.join("\n[[block.field]]\n"),
+        "block[you].field",
+        "up to 50200 characters",
+        "up to 50000",
+    );
+}
+
+#[test]
 fn completion_and_fit() {
     check(
         "code = \"GAMBLE-1\"",

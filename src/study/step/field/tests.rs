@@ -157,3 +157,11 @@ fn any_closed_kind_can_ask_for_one_certain_answer() {
         Some(false)
     );
 }
+
+#[test]
+fn the_end_of_a_line_counts_once_as_on_the_page() {
+    let text = field(FieldKind::LongText { max_length: 3 }, true);
+    let values = read(&text, &[("f", "a\r\nb")]).unwrap();
+    assert_eq!(values["f"], "a\nb");
+    assert!(read(&text, &[("f", "a\r\nbc")]).is_err());
+}
