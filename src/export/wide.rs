@@ -142,6 +142,12 @@ impl<'a> Row<'a> {
             WideCell::Language => words(participant.language.as_deref()),
             WideCell::Simulated => self.export.population.is_simulated().to_string(),
             WideCell::TimeFactor => participant.time_factor.to_string(),
+            // When somebody came and went could be matched with what a platform knows of them.
+            WideCell::StartedAt | WideCell::FinishedAt | WideCell::Duration
+                if participant.state == RunState::Withdrawn =>
+            {
+                String::new()
+            }
             WideCell::StartedAt => participant.started_at.0.to_string(),
             WideCell::FinishedAt => number(participant.finished_at.map(|at| at.0)),
             WideCell::Duration => number(

@@ -511,7 +511,10 @@ impl Batch {
                 delta.completed += 1;
                 self.effects.completed.push(id);
             }
-            RunState::Declined => delta.declined += 1,
+            RunState::Declined => {
+                delta.declined += 1;
+                self.effects.declined.push(id);
+            }
             RunState::ScreenedOut => delta.screened_out += 1,
             RunState::FailedCheck => delta.failed_check += 1,
             RunState::TimedOut => delta.timed_out += 1,

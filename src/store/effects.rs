@@ -26,6 +26,8 @@ pub(super) struct Effects {
     pub(super) finishers: Vec<(RunId, String)>,
     /// Runs that ended without a form: their newest link is the one that their person went on with.
     pub(super) ended_alone: Vec<RunId>,
+    /// Runs whose person did not consent.
+    pub(super) declined: Vec<RunId>,
     pub(super) events: Vec<NewEvent>,
     pub(super) answers: Vec<NewAnswer>,
     /// Runs whose row changed.
@@ -224,6 +226,7 @@ impl Effects {
         self.write_finishers(connection).await?;
         self.write_events(connection).await?;
         self.write_runs(connection, facts).await?;
+        self.forget_declined(connection).await?;
         self.write_answers(connection).await?;
         bonuses::draw(connection, &self.paid).await?;
         self.write_counts(connection).await?;
@@ -342,6 +345,31 @@ impl Effects {
         .bind(&links)
         .execute(connection)
         .await?;
+        Ok(())
+    }
+
+    /// Of somebody who declined only that is kept: no id, and nothing that the link brought.
+    async fn forget_declined(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        if self.declined.is_empty() {
+            return Ok(());
+        }
+        for statement in [
+            r#"
+            update run
+            set platform = null, platform_key = null, recruiting = null
+            where id in (select value from json_each(?))
+            "#,
+            r#"
+            update arrival
+            set platform = null, platform_key = null, recruiting = null
+            where run_id in (select value from json_each(?))
+            "#,
+        ] {
+            sqlx::query(statement)
+                .bind(json(&self.declined))
+                .execute(&mut *connection)
+                .await?;
+        }
         Ok(())
     }
 

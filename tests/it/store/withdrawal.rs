@@ -164,9 +164,14 @@ async fn whoever_withdraws_after_the_end_gets_no_second_try_until_the_retention_
         .start(&first, lab.new_run("driving"))
         .await
         .unwrap();
-    let mut declines = Person::of(&started);
-    declines.says(&lab, CONSENT, Reply::Declined).await.unwrap();
-    lab.store.withdraw(&declines.link).await.unwrap();
+    let mut finishes = Person::of(&started);
+    finishes.says(&lab, CONSENT, Reply::Agreed).await.unwrap();
+    finishes
+        .says(&lab, START_PAGE, Reply::Continued)
+        .await
+        .unwrap();
+    finishes.finishes(&lab, "stop").await;
+    lab.store.withdraw(&finishes.link).await.unwrap();
 
     let arrive = |token: Token, arrival| {
         let (store, driving) = (lab.store.clone(), driving.clone());
@@ -297,4 +302,40 @@ async fn the_write_ahead_log_keeps_nothing_of_an_erased_form() {
         .unwrap();
     assert_eq!(ok, "ok");
     assert!(!holds(&path.with_extension("db-wal")));
+}
+
+#[tokio::test]
+async fn of_somebody_who_declines_no_id_is_kept() {
+    let mut lab = Lab::open().await;
+    let arrival = NewArrival {
+        person: Some(("prolific".to_owned(), "5f3-secret-id".to_owned())),
+        recruiting: [("PROLIFIC_PID".to_owned(), "5f3-secret-id".to_owned())].into(),
+        ..NewArrival::default()
+    };
+    let token = lab.arrival("driving", arrival).await;
+    let started = lab
+        .store
+        .start(&token, lab.new_run("driving"))
+        .await
+        .unwrap();
+    let mut person = Person::of(&started);
+    person.says(&lab, CONSENT, Reply::Declined).await.unwrap();
+    let mut raw = SqliteConnection::connect(lab.path().to_str().unwrap())
+        .await
+        .unwrap();
+    let kept: (i64, i64) = sqlx::query_as(
+        r#"
+        select
+            (select count(*) from run where platform is not null or platform_key is not null or recruiting is not null),
+            (select count(*) from arrival where platform is not null or platform_key is not null or recruiting is not null)
+        "#,
+    )
+    .fetch_one(&mut raw)
+    .await
+    .unwrap();
+    assert_eq!(kept, (0, 0));
+    assert_eq!(
+        lab.store.visit(&person.link).await.unwrap().state,
+        RunState::Declined
+    );
 }
