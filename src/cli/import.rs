@@ -74,7 +74,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         Err(faults) => bail!(told(&faults)),
     };
     let names = imported.runs.iter().map(|run| run.participant.as_str());
-    let known = store.imported_before(&study, names).await?;
+    let known = store.imported_before(&study, source.trim(), names).await?;
     if !known.is_empty() {
         bail!(
             "nothing was imported, because {} of these participants were imported before: {}",

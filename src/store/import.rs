@@ -103,7 +103,7 @@ impl Store {
         let people = runs
             .into_iter()
             .map(|run| {
-                let key = secret.platform_key(study, PLATFORM, &run.participant);
+                let key = secret.platform_key(study, PLATFORM, &named(source, &run.participant));
                 Ok((key, judge(&run)?))
             })
             .collect::<Result<_, Error>>()?;
@@ -117,13 +117,14 @@ impl Store {
             .await
     }
 
-    /// Which of these people were imported before.
+    /// Which of these people were imported before under the same label.
     ///
     /// # Errors
     /// When the database fails.
     pub async fn imported_before<'a>(
         &self,
         study: &StudyId,
+        source: &str,
         participants: impl Iterator<Item = &'a str>,
     ) -> Result<Vec<&'a str>, Error> {
         let known: Vec<String> = sqlx::query_scalar(
@@ -141,10 +142,15 @@ impl Store {
         let secret = &self.shared.secret;
         Ok(participants
             .filter(|participant| {
-                known.contains(&secret.platform_key(study, PLATFORM, participant))
+                known.contains(&secret.platform_key(study, PLATFORM, &named(source, participant)))
             })
             .collect())
     }
+}
+
+/// A person by label and name: two labs number their people from 1.
+fn named(source: &str, participant: &str) -> String {
+    format!("{source}/{participant}")
 }
 
 /// Writes all runs, unless somebody was imported before.

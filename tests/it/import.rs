@@ -37,6 +37,15 @@ impl Place {
 
     /// What the command prints, or its error.
     fn imports(&self, csv: &str, mapping: Option<&str>) -> Result<String, String> {
+        self.imports_from("lab-2019", csv, mapping)
+    }
+
+    fn imports_from(
+        &self,
+        source: &str,
+        csv: &str,
+        mapping: Option<&str>,
+    ) -> Result<String, String> {
         std::fs::write(self.path("answers.csv"), csv).unwrap();
         let (file, database, map) = (
             self.path("answers.csv"),
@@ -49,7 +58,7 @@ impl Place {
             "--file",
             &file,
             "--source",
-            "lab-2019",
+            source,
             "--database",
             &database,
         ];
@@ -112,6 +121,9 @@ async fn a_file_in_the_long_form_is_stored_counted_and_agrees_with_its_events() 
     let again = place.imports(LONG, None).unwrap_err();
     assert!(again.contains("were imported before: a, b"), "{again}");
     assert_eq!(place.answers().await.len(), 5);
+    // Another lab's people have the same names.
+    place.imports_from("other-lab", LONG, None).unwrap();
+    assert_eq!(place.answers().await.len(), 10);
     place.store.close().await;
 }
 
