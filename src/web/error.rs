@@ -173,7 +173,7 @@ impl From<ExportError> for Error {
     fn from(error: ExportError) -> Self {
         match error {
             ExportError::Store(error) => error.into(),
-            ExportError::NoPlainIds(_) => Self::Unprocessable(error.to_string()),
+            ExportError::NoPlainIds(_) => Self::Conflict(error.to_string()),
             ExportError::Study(_)
             | ExportError::Write(_)
             | ExportError::Csv(_)

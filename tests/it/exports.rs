@@ -215,7 +215,7 @@ async fn ids_are_left_out_unless_asked_for_and_plain_ones_only_where_they_are_st
     assert_eq!(hashed.rows[0]["platform"], "prolific");
     assert_eq!(hashed.rows[0]["platform_key"].len(), 64);
     assert_eq!(hashed.rows[1]["platform_key"], "");
-    for (ids, status) in [("plain", 422), ("all", 400)] {
+    for (ids, status) in [("plain", 409), ("all", 400)] {
         let url = format!(
             "{}/api/v1/studies/driving/export/wide.csv?ids={ids}",
             app.url

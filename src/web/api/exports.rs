@@ -128,7 +128,7 @@ async fn ndjson(
 #[utoipa::path(
     get, path = "/studies/{study}/export/wide.csv", tag = "data", params(StudyPath, IdsQuery),
     responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
-        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+        (status = 409, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
     security((), ("token" = ["data"])),
 )]
 async fn wide(
@@ -143,7 +143,7 @@ async fn wide(
 #[utoipa::path(
     get, path = "/studies/{study}/export/psych-ds.zip", tag = "data", params(StudyPath, IdsQuery),
     responses((status = 200, description = "The file", content((String = "application/zip"))),
-        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+        (status = 409, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
     security((), ("token" = ["data"])),
 )]
 async fn psych_ds(
@@ -158,7 +158,7 @@ async fn psych_ds(
 #[utoipa::path(
     get, path = "/studies/{study}/export/codebook.csv", tag = "data", params(StudyPath, IdsQuery),
     responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
-        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+        (status = 409, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
     security((), ("token" = ["data"])),
 )]
 async fn codebook_csv(
@@ -173,7 +173,7 @@ async fn codebook_csv(
 #[utoipa::path(
     get, path = "/studies/{study}/export/codebook.json", tag = "data", params(StudyPath, IdsQuery),
     responses((status = 200, description = "The file", body = Codebook),
-        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+        (status = 409, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
     security((), ("token" = ["data"])),
 )]
 async fn codebook_json(
@@ -188,7 +188,7 @@ async fn codebook_json(
 #[utoipa::path(
     get, path = "/studies/{study}/export/bonus.csv", tag = "data", params(StudyPath, IdsQuery),
     responses((status = 200, description = "The file", content((String = "text/csv; charset=utf-8"))),
-        (status = 422, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
+        (status = 409, description = "Plain ids that no version of the study stored", body = crate::web::problem::Problem, content_type = "application/problem+json")),
     security((), ("token" = ["data"])),
 )]
 async fn bonus(
