@@ -5,16 +5,14 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use sqlx::sqlite::SqliteConnection;
 
-use super::{Error, Population, RunId, Store, json};
-use crate::study::{BlockId, BonusTerms, PayableChoice, QuestionId, StepData, StudyId, Timestamp};
+use super::{Error, RunId, Store, json};
+use crate::study::{BlockId, BonusTerms, PayableChoice, QuestionId, StepData, Timestamp};
 
 /// The bonus of one run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BonusRow {
     /// The run.
     pub run: RunId,
-    /// The ids that the recruiting platform gave, by parameter, as a JSON object; as the study stores them.
-    pub recruiting: Option<String>,
     /// The choice that was drawn; none where no choice could be, and the endowment alone is paid.
     pub choice: Option<PaidChoice>,
     /// What is paid, in `currency`.
@@ -43,7 +41,6 @@ pub struct PaidChoice {
 #[derive(sqlx::FromRow)]
 struct Row {
     run_id: RunId,
-    recruiting: Option<String>,
     position: Option<u32>,
     block: Option<String>,
     question: Option<String>,
@@ -68,7 +65,6 @@ impl From<Row> for BonusRow {
         };
         Self {
             run: row.run_id,
-            recruiting: row.recruiting,
             choice,
             amount: row.amount,
             currency: row.currency.unwrap_or_default(),
@@ -86,7 +82,7 @@ impl Store {
         let row: Option<Row> = sqlx::query_as(
             r#"
             select
-                bonus.run_id, run.recruiting, bonus.position, step.block, step.question, bonus.action, bonus.reward,
+                bonus.run_id, bonus.position, step.block, step.question, bonus.action, bonus.reward,
                 bonus.amount, thanks.data ->> '$.bonus.currency' as currency, bonus.drawn_at_ms
             from bonus
             join run on run.id = bonus.run_id
@@ -99,43 +95,6 @@ impl Store {
         .fetch_optional(&self.pool)
         .await?;
         Ok(row.map(BonusRow::from))
-    }
-
-    /// The bonuses of a study's completed runs after `after`, by run, without previews; at most `limit`.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn bonuses(
-        &self,
-        study: &StudyId,
-        population: Population,
-        after: RunId,
-        limit: u32,
-    ) -> Result<Vec<BonusRow>, Error> {
-        let rows: Vec<Row> = sqlx::query_as(
-            r#"
-            select
-                bonus.run_id, run.recruiting, bonus.position, step.block, step.question, bonus.action, bonus.reward,
-                bonus.amount, thanks.data ->> '$.bonus.currency' as currency, bonus.drawn_at_ms
-            from run
-            join bonus on bonus.run_id = run.id
-            left join step as thanks on thanks.run_id = run.id and thanks.position = run.position
-            left join step on step.run_id = run.id and step.position = bonus.position
-            where run.study_id = ?
-            and run.is_simulated = ?
-            and run.id > ?
-            and run.is_preview = 0
-            order by run.id
-            limit ?
-            "#,
-        )
-        .bind(study.as_str())
-        .bind(population.is_simulated())
-        .bind(after)
-        .bind(limit)
-        .fetch_all(&self.pool)
-        .await?;
-        Ok(rows.into_iter().map(BonusRow::from).collect())
     }
 }
 

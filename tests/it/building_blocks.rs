@@ -7,7 +7,7 @@ use reqwest::StatusCode;
 use riskaware::{
     clock::Clock,
     jobs::{Catalogue, PartState, Snapshot},
-    store::{AnalysisSet, Population, RunId, RunState},
+    store::{AnalysisSet, BonusRow, Population, RunId, RunState},
 };
 
 use crate::{
@@ -203,6 +203,15 @@ async fn state(app: &App, person: &Participant) -> RunState {
     app.store.run(&person.token()).await.unwrap().state
 }
 
+/// The bonuses of the first runs.
+async fn bonuses(app: &App) -> Vec<BonusRow> {
+    let mut found = Vec::new();
+    for run in 1..=4 {
+        found.extend(app.store.bonus(RunId::from(run)).await.unwrap());
+    }
+    found
+}
+
 async fn nothing_disagrees(app: App) {
     assert_eq!(app.store.check_answers().await.unwrap(), []);
     assert_eq!(app.store.check_counters().await.unwrap(), []);
@@ -248,11 +257,7 @@ async fn an_answer_that_screens_out_ends_the_run_with_its_own_code() {
     );
     let again = app.participant_of("/s/blocks?PROLIFIC_PID=p1").await;
     assert_eq!(again.page.text(".completion__code"), None);
-    let study = "blocks".into();
-    let bonuses = app
-        .store
-        .bonuses(&study, Population::People, RunId::from(0), 10);
-    assert_eq!(bonuses.await.unwrap(), []);
+    assert_eq!(bonuses(&app).await, []);
     nothing_disagrees(app).await;
 }
 
@@ -371,30 +376,25 @@ async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it(
         Some("GBP 1.05")
     );
     assert!(sure.page.text(".bonus").unwrap().contains("Choose"));
-    let study = "blocks".into();
-    let all = || {
-        app.store
-            .bonuses(&study, Population::People, RunId::from(0), 10)
-    };
-    let bonuses = all().await.unwrap();
-    assert_eq!(bonuses.len(), 2);
-    let drawn = bonuses[1].choice.clone().unwrap();
+    let drawn_then = bonuses(&app).await;
+    assert_eq!(drawn_then.len(), 2);
+    let drawn = drawn_then[1].choice.clone().unwrap();
     assert_eq!(
         (drawn.block.as_str(), drawn.action.as_str()),
         ("lotteries", "c")
     );
     assert!([12.0, -6.0].contains(&drawn.reward), "{drawn:?}");
     assert_eq!(
-        (bonuses[0].amount, bonuses[0].currency.as_str()),
+        (drawn_then[0].amount, drawn_then[0].currency.as_str()),
         (1.05, "GBP")
     );
     // Sending the last form again draws nothing anew.
     let mut again = risky.clone();
     again.reloads().await;
     fills(&mut again, &[("dares", "1"), ("fears", "1")]).await;
-    assert_eq!(all().await.unwrap(), bonuses);
+    assert_eq!(bonuses(&app).await, drawn_then);
     app.store.withdraw(&risky.token()).await.unwrap();
-    assert_eq!(all().await.unwrap(), bonuses[..1]);
+    assert_eq!(bonuses(&app).await, drawn_then[..1]);
     nothing_disagrees(app).await;
 }
 
