@@ -174,6 +174,34 @@ create table bonus (
     drawn_at_ms integer not null
 ) strict;
 
+-- Whom a version of a study leaves out of its analysis: flags and the attention checks that they look at, as JSON. Empty
+-- where it leaves out nobody.
+alter table study_version add column exclusion text;
+
+-- Who is left out of the analysis: by the rule of their study version, judged when their run ended, or by hand.
+create table exclusion (
+    run_id integer primary key references run (id),
+    -- The flags of the rule that the run has, joined by spaces.
+    flags text,
+    -- Why they are left out by hand, who did it and when.
+    reason text,
+    actor text,
+    at_ms integer,
+    check (flags is not null or reason is not null),
+    check ((reason is null) = (actor is null) and (reason is null) = (at_ms is null))
+) strict;
+
+-- Counters hold everybody, and beside that what is left out of them.
+alter table counter add column excluded_all integer not null default 0
+    check (excluded_all between 0 and n_all);
+alter table counter add column excluded_completed integer not null default 0
+    check (excluded_completed between 0 and n_completed);
+alter table population add column excluded integer not null default 0 check (excluded >= 0);
+alter table population add column excluded_completed integer not null default 0
+    check (excluded_completed between 0 and completed);
+-- The data version of the last exclusion by hand, or of its undoing: looks at the people before it are made anew.
+alter table population add column exclusion_version integer not null default 0;
+
 create table account (
     id integer primary key,
     name text not null unique,

@@ -7,6 +7,9 @@ use crate::{
     study::StudyId,
 };
 
+/// Whom the log names for a command.
+pub(super) const ACTOR: &str = "command";
+
 /// Writes that a command on this machine did this.
 pub(super) async fn record(
     store: &Store,
@@ -15,7 +18,7 @@ pub(super) async fn record(
     detail: Option<String>,
 ) -> anyhow::Result<()> {
     let entry = AuditEntry {
-        actor: "command".to_owned(),
+        actor: ACTOR.to_owned(),
         action: action.to_owned(),
         study: study.cloned(),
         detail,

@@ -41,6 +41,9 @@ pub struct Answer<'a> {
     #[schema(value_type = Option<String>)]
     source: Option<&'a str>,
     simulated: bool,
+    /// Why the person is left out of the analysis; null where they are not. The CSV has no such column.
+    #[schema(value_type = Option<String>)]
+    excluded: Option<&'a str>,
 }
 
 impl<'a> Answer<'a> {
@@ -82,6 +85,7 @@ impl<'a> Answer<'a> {
             hidden_ms: row.hidden_ms,
             source: row.source.as_deref(),
             simulated: row.population.is_simulated(),
+            excluded: row.excluded.as_deref(),
         }
     }
 

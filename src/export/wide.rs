@@ -156,6 +156,7 @@ impl<'a> Row<'a> {
                     .map(|at| at.millis_since(participant.started_at)),
             ),
             WideCell::Bonus => number(bonus::amount(self.export, participant)),
+            WideCell::Excluded => words(participant.excluded.as_deref()),
             WideCell::Platform => words(participant.platform.as_deref()),
             WideCell::PlatformKey => words(participant.platform_key.as_deref()),
             WideCell::PlatformId => words(

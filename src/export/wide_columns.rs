@@ -34,6 +34,7 @@ pub(super) enum WideCell {
     FinishedAt,
     Duration,
     Bonus,
+    Excluded,
     Platform,
     PlatformKey,
     PlatformId,
@@ -198,6 +199,15 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 "What the participant is paid beside the fee, in the study's currency; empty without a bonus",
             ),
             WideCell::Bonus,
+        ),
+        plain(
+            Column::new(
+                "excluded",
+                "Left out of the analysis",
+                ColumnKind::Text,
+                "Why the participant is left out of the analysis: flags of the study's rule joined by spaces, and `by hand: ` with a reason, joined by `; `; empty for those who are not left out",
+            ),
+            WideCell::Excluded,
         ),
     ];
     let platform = plain(

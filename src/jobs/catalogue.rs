@@ -78,9 +78,7 @@ impl Catalogue {
             if left_alone.contains(study.id()) && stored.iter().any(|row| row.id == *study.id()) {
                 continue;
             }
-            let version = store
-                .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
-                .await?;
+            let version = publish(store, &study).await?;
             served.add_earlier(store, &study, version).await?;
             served.add(version, Arc::new(study));
         }
@@ -115,9 +113,7 @@ impl Catalogue {
     /// # Errors
     /// When the database fails.
     pub async fn renew(&self, store: &Store, study: Study) -> Result<VersionId, store::Error> {
-        let version = store
-            .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
-            .await?;
+        let version = publish(store, &study).await?;
         let study = Arc::new(study);
         {
             let mut served = self.served.write().unwrap_or_else(PoisonError::into_inner);
@@ -256,6 +252,20 @@ fn readable(study: &StudyId, stored: &StudyVersion) -> Option<Study> {
             |error| tracing::warn!(%error, "a stored study version is not readable any more"),
         )
         .ok()
+}
+
+/// Makes a study the current version of itself in the database.
+async fn publish(store: &Store, study: &Study) -> Result<VersionId, store::Error> {
+    let (id, rule) = (study.id(), study.exclusion_rule());
+    store
+        .publish(
+            id,
+            study.hash(),
+            study.text(),
+            state_if_new(study),
+            rule.as_ref(),
+        )
+        .await
 }
 
 /// A study whose file does not say that it is open is a draft until somebody opens it.

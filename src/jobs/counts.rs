@@ -14,7 +14,7 @@ pub struct QuestionCounts {
     pub late: u64,
     /// Questions whose time ran out without an answer.
     pub timed_out: u64,
-    /// Valid answers before the study's rule of inclusion was applied.
+    /// Valid answers of everybody, before the study's rule of inclusion was applied and anybody was left out.
     pub before_exclusions: u64,
 }
 
@@ -97,7 +97,7 @@ fn count(
                     .position(|action| Some(*action) == row.action.as_ref())
                 {
                     counts.actions[position] += n;
-                    counts.before_exclusions += row.n_all;
+                    counts.before_exclusions += row.n_before_exclusions;
                 }
             }
             AnswerStatus::Late => counts.late += n,

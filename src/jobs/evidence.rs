@@ -89,8 +89,9 @@ struct Evidence {
     stop: CancellationToken,
     lane: Lane,
     changes: broadcast::Receiver<Change>,
-    /// How many people had finished, and withdrawn, when the looks of a study were last complete.
-    looked: HashMap<StudyId, (u64, u64)>,
+    /// How many people had finished and withdrawn, and when one was last left out by hand, when the looks of a study were
+    /// last complete.
+    looked: HashMap<StudyId, (u64, u64, i64)>,
     /// The data version at which the comparison of a plan was last found to be of the answers that there were.
     compared: HashMap<(StudyId, PlanId), i64>,
 }
@@ -114,7 +115,12 @@ impl Evidence {
     /// Makes the looks of a study that are due, in their order.
     async fn look(&mut self, snapshot: &Snapshot) -> Result<bool, store::Error> {
         let id = snapshot.study.id();
-        let people = (snapshot.people.completed, snapshot.people.withdrawn);
+        let people = &snapshot.people;
+        let people = (
+            people.analysed(),
+            people.withdrawn,
+            people.exclusion_version,
+        );
         if self.looked.get(id) == Some(&people) {
             return Ok(false);
         }
@@ -151,7 +157,7 @@ impl Evidence {
         let mut new = NewCheckpoints {
             study: id.clone(),
             population: self.population,
-            // Read before the counts were: whoever withdrew in between makes it too old.
+            // Read before the counts were: whoever withdrew or was left out in between makes it too old.
             data_version: snapshot.version.data_version,
             checkpoints: Vec::new(),
             reached: None,

@@ -213,9 +213,11 @@ impl<'a> Looks<'a> {
                         hash: row.hash.clone(),
                         status: AnswerStatus::Answered,
                         action: Some(row.action.clone()),
+                        n_before_exclusions: 0,
                         n_all: 0,
                         n_completed: 0,
                     });
+                count.n_before_exclusions += row.n;
                 count.n_all += row.n;
                 count.n_completed += row.n;
             }

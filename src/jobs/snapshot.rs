@@ -20,7 +20,7 @@ use crate::{
         AnalysisSet, CellCount, Error, Fit, FitOutcome, FitState, Population, Store, StudyState,
         Totals,
     },
-    study::{CellId, FitPlan, PartId, PlanId, Study, StudyId},
+    study::{CellId, FitPlan, Flag, PartId, PlanId, Study, StudyId},
 };
 
 /// Which data and which fits are shown. Each number moves when its half changed.
@@ -62,6 +62,9 @@ pub struct Snapshot {
     pub version: Version,
     /// Who took part.
     pub people: Totals,
+    /// How many people of the analysis set are left out of it for what; no flag stands for those who are left out by hand
+    /// alone.
+    pub exclusions: Vec<(Option<Flag>, u64)>,
     /// What they chose.
     pub counts: StudyCounts,
     /// Every part of every plan with every model, in file order.
@@ -183,6 +186,13 @@ impl Snapshot {
         }
         let state = store.study(id).await?.state;
         let counts = store.cell_counts(id, population).await?;
+        let exclusions = match people.excluded {
+            0 => Vec::new(),
+            _ => {
+                let set = analysis_set(&study);
+                store.exclusions(id, population, set).await?
+            }
+        };
         let known = kept
             .as_ref()
             .map_or_else(KnownFits::default, |kept| kept.known.clone());
@@ -208,12 +218,13 @@ impl Snapshot {
         let made = tokio::task::spawn_blocking(move || {
             let known = known.renewed(&ids, new.into_iter().zip(live).collect());
             let mut snapshot = Self::new(study, population, state, people, &counts, known);
+            snapshot.exclusions = exclusions;
             snapshot.comparisons = compared
                 .iter()
                 .filter_map(|known| known.beside(&snapshot))
                 .collect();
             snapshot.sequential = Looks::new(&snapshot.study)
-                .map(|made| made.evidence(people.completed, &looks, reached));
+                .map(|made| made.evidence(people.analysed(), &looks, reached));
             Arc::new(snapshot)
         });
         let snapshot = match made.await {
@@ -249,6 +260,7 @@ impl Snapshot {
             population,
             state,
             people,
+            exclusions: Vec::new(),
             counts,
             fits,
             known,

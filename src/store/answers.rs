@@ -64,6 +64,8 @@ pub struct AnswerRow {
     pub hidden_ms: Option<u64>,
     /// Where the person came from.
     pub source: Option<String>,
+    /// Why the person is left out of the analysis, if they are.
+    pub excluded: Option<String>,
     /// Real or simulated.
     pub population: Population,
 }
@@ -122,6 +124,7 @@ struct ExportRow {
     input: Option<String>,
     hidden_ms: Option<i64>,
     source: Option<String>,
+    excluded: Option<String>,
 }
 
 #[derive(sqlx::FromRow)]
@@ -156,12 +159,14 @@ impl Store {
                 answer.run_id, answer.position, run.version_id, run.state as run_state, step.block, step.question,
                 problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
                 answer.shown_at_ms, answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
-                answer.input, answer.hidden_ms, run.source
+                answer.input, answer.hidden_ms, run.source,
+                concat_ws('; ', exclusion.flags, 'by hand: ' || exclusion.reason) as excluded
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
             cross join answer on answer.run_id = run.id
             cross join step on step.run_id = answer.run_id and step.position = answer.position
             left join problem on problem.id = answer.problem_id
+            left join exclusion on exclusion.run_id = run.id
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and run.id >= ?3
             and (run.id > ?3 or answer.position > ?4)
@@ -181,7 +186,7 @@ impl Store {
         Ok(rows.into_iter().map(|row| row.answer(population)).collect())
     }
 
-    /// How often each answer was given to a field of a form.
+    /// How often each answer was given to a field of a form, by the people of an analysis set.
     ///
     /// # Errors
     /// When the database fails.
@@ -201,6 +206,7 @@ impl Store {
             join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and (run.state = 'completed' or not ?3)
+            and not exists (select 1 from exclusion where exclusion.run_id = run.id)
             group by given
             order by count(*) desc, given
             "#,
@@ -267,6 +273,7 @@ impl ExportRow {
             input: self.input,
             hidden_ms: millis(self.hidden_ms),
             source: self.source,
+            excluded: self.excluded.filter(|reason| !reason.is_empty()),
             population,
         }
     }

@@ -472,7 +472,9 @@ impl Batch {
                 status: closed.status,
                 action,
             };
-            *self.effects.counts.entry(key).or_default() += 1;
+            let counted = self.effects.counts.entry(key).or_default();
+            counted.n += 1;
+            counted.excluded += u64::from(run.is_excluded);
         }
         let is_filled = matches!(body.map(|body| &body.reply), Some(Reply::Filled { .. }));
         // Turning a page changes nothing that is shown, so that the versions stay.
@@ -509,6 +511,7 @@ impl Batch {
         match run.facts.state {
             RunState::Completed => {
                 delta.completed += 1;
+                delta.excluded_completed += u32::from(run.is_excluded);
                 self.effects.completed.push(id);
             }
             RunState::Declined => {
@@ -519,6 +522,9 @@ impl Batch {
             RunState::FailedCheck => delta.failed_check += 1,
             RunState::TimedOut => delta.timed_out += 1,
             RunState::Active | RunState::Withdrawn => {}
+        }
+        if run.facts.state != RunState::Active {
+            self.effects.ended.push(id);
         }
     }
 

@@ -9,7 +9,9 @@ use sqlx::sqlite::SqliteConnection;
 use super::effects::NewAnswer;
 use super::load::{step_kind, time_factor};
 use super::rules::{Body, EndedBody, KeySeen, RunFacts, StepFacts};
-use super::{Error, EventId, EventKind, ProblemId, RunId, RunState, Store, Submission, Verdict};
+use super::{
+    Error, EventId, EventKind, ProblemId, RunId, RunState, Store, Submission, Verdict, exclusions,
+};
 use crate::study::{BlockId, Timestamp};
 
 /// How many runs are replayed in one read transaction.
@@ -26,8 +28,8 @@ pub struct Disagreement {
     pub found: String,
 }
 
-type CountRow = (String, bool, ProblemId, String, String, i64, i64);
-type TotalRow = (String, bool, i64, i64, i64, i64, i64, i64, i64);
+type CountRow = (String, bool, ProblemId, String, String, i64, i64, i64, i64);
+type TotalRow = (String, bool, i64, i64, i64, i64, i64, i64, i64, i64, i64);
 
 #[derive(sqlx::FromRow)]
 struct EventToReplay {
@@ -41,7 +43,8 @@ struct EventToReplay {
 }
 
 impl Store {
-    /// Compares every answer with what replaying its run's events gives.
+    /// Compares every answer with what replaying its run's events gives, and whom the studies' rules leave out with what
+    /// the rules make of the answers.
     ///
     /// # Errors
     /// When the database fails, or holds an event that cannot be read.
@@ -61,6 +64,13 @@ impl Store {
                 return Ok(disagreements);
             };
             after = *last;
+            let ids: Vec<RunId> = runs.iter().map(|(run, ..)| *run).collect();
+            let misjudged = exclusions::misjudged(&mut transaction, &ids).await?;
+            disagreements.extend(misjudged.into_iter().map(|judged| Disagreement {
+                place: format!("exclusion of run {} by the study's rule", judged.run),
+                expected: format!("{:?}", judged.flags),
+                found: format!("{:?}", judged.stored),
+            }));
             for (run, factor, is_preview, state) in runs {
                 let facts = at_start(&mut transaction, run, factor, is_preview).await?;
                 let (state_then, expected) = rebuild_answers(&mut transaction, run, facts).await?;
@@ -91,7 +101,9 @@ impl Store {
         let mut transaction = self.pool.begin().await?;
         let stored: Vec<CountRow> = sqlx::query_as(
             r#"
-            select study_id, is_simulated, problem_id, status, action, n_all, n_completed
+            select
+                study_id, is_simulated, problem_id, status, action, n_all, n_completed, excluded_all,
+                excluded_completed
             from counter
             where n_all > 0
             order by 1, 2, 3, 4, 5
@@ -103,9 +115,11 @@ impl Store {
             r#"
             select
                 run.study_id, run.is_simulated, answer.problem_id, answer.status, ifnull(answer.action, ''),
-                count(*), count(*) filter (where run.state = 'completed')
+                count(*), count(*) filter (where run.state = 'completed'), count(exclusion.run_id),
+                count(exclusion.run_id) filter (where run.state = 'completed')
             from answer
             join run on run.id = answer.run_id
+            left join exclusion on exclusion.run_id = run.id
             where answer.is_counted = 1
             group by 1, 2, 3, 4, 5
             order by 1, 2, 3, 4, 5
@@ -117,7 +131,7 @@ impl Store {
             r#"
             select
                 study_id, is_simulated, started, completed, declined, screened_out, failed_check, timed_out,
-                withdrawn
+                withdrawn, excluded, excluded_completed
             from population
             order by 1, 2
             "#,
@@ -131,12 +145,14 @@ impl Store {
                 count(*) filter (where run.state = 'completed'), count(*) filter (where run.state = 'declined'),
                 count(*) filter (where run.state = 'screened_out'),
                 count(*) filter (where run.state = 'failed_check'),
-                count(*) filter (where run.state = 'timed_out'), count(*) filter (where run.state = 'withdrawn')
+                count(*) filter (where run.state = 'timed_out'), count(*) filter (where run.state = 'withdrawn'),
+                count(exclusion.run_id), count(exclusion.run_id) filter (where run.state = 'completed')
             from population
             left join run
                 on run.study_id = population.study_id
                 and run.is_simulated = population.is_simulated
                 and run.is_preview = 0
+            left join exclusion on exclusion.run_id = run.id
             group by 1, 2
             order by 1, 2
             "#,
@@ -145,11 +161,13 @@ impl Store {
         .await?;
         let mut disagreements = compare(counted, stored, |row| {
             let what = format!("problem {} {} `{}`", row.2, row.3, row.4);
-            ((row.0.clone(), row.1, what), (row.5, row.6))
+            let n = (row.5, row.6, row.7, row.8);
+            ((row.0.clone(), row.1, what), n)
         });
         disagreements.extend(compare(counted_totals, stored_totals, |row| {
             let place = (row.0.clone(), row.1, "totals".to_owned());
-            (place, (row.2, row.3, row.4, row.5, row.6, row.7, row.8))
+            let ended = (row.2, row.3, row.4, row.5, row.6, row.7, row.8);
+            (place, (ended, row.9, row.10))
         }));
         Ok(disagreements)
     }

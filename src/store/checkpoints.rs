@@ -91,7 +91,8 @@ impl Store {
     }
 
     /// What the people who finished chose, in the order in which they finished: of the first `minimum` for look 0, of the
-    /// next `every` for look 1, and so on; the last look may be of fewer people than that. Previews are left out.
+    /// next `every` for look 1, and so on; the last look may be of fewer people than that. Previews are left
+    /// out, and so is whoever is left out of the analysis.
     ///
     /// # Errors
     /// When the database fails.
@@ -116,6 +117,7 @@ impl Store {
                     select id, (select max(event_id) from answer where answer.run_id = run.id) as completed_by
                     from run
                     where study_id = ?1 and is_simulated = ?2 and is_preview = 0 and state = 'completed'
+                    and not exists (select 1 from exclusion where exclusion.run_id = run.id)
                 )
             ) as finisher
             join answer on answer.run_id = finisher.id
@@ -207,7 +209,8 @@ impl Store {
     }
 }
 
-/// Stores checkpoints, and that a rule was reached; nothing where they counted somebody who has withdrawn since. Says whether
+/// Stores checkpoints, and that a rule was reached; nothing where somebody has
+/// withdrawn, or was left out or taken in again, since their answers were read. Says whether
 /// the rule was new.
 pub(super) async fn save(
     connection: &mut SqliteConnection,
@@ -224,7 +227,7 @@ pub(super) async fn save(
             where not exists (
                 select 1
                 from population
-                where study_id = ?1 and is_simulated = ?2 and erased_version > ?8
+                where study_id = ?1 and is_simulated = ?2 and max(erased_version, exclusion_version) > ?8
             )
             "#,
         )
@@ -248,7 +251,7 @@ pub(super) async fn save(
             where not exists (
                 select 1
                 from population
-                where study_id = ?1 and is_simulated = ?2 and erased_version > ?8
+                where study_id = ?1 and is_simulated = ?2 and max(erased_version, exclusion_version) > ?8
             )
             -- what was announced stays as it was announced
             on conflict do nothing

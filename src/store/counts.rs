@@ -20,6 +20,12 @@ pub struct Totals {
     pub timed_out: u64,
     /// Withdrawn ones; each counts only here and as started.
     pub withdrawn: u64,
+    /// Runs that are left out of the analysis, whatever became of them.
+    pub excluded: u64,
+    /// Completed ones among them.
+    pub excluded_completed: u64,
+    /// The data version of the last exclusion by hand, or of its undoing.
+    pub exclusion_version: i64,
     /// Moves with every change of the data.
     pub data_version: i64,
     /// Moves with every change of what is shown, new fits included.
@@ -35,6 +41,9 @@ struct TotalsRow {
     failed_check: i64,
     timed_out: i64,
     withdrawn: i64,
+    excluded: i64,
+    excluded_completed: i64,
+    exclusion_version: i64,
     data_version: i64,
     page_version: i64,
 }
@@ -49,6 +58,17 @@ impl Totals {
             + self.timed_out
             + self.withdrawn;
         self.started.saturating_sub(over)
+    }
+
+    /// How far the study is, for the log: `30 had finished, 2 of them left out`.
+    pub fn in_words(&self) -> String {
+        let (completed, excluded) = (self.completed, self.excluded_completed);
+        format!("{completed} had finished, {excluded} of them left out")
+    }
+
+    /// Completed runs that are not left out of the analysis.
+    pub fn analysed(&self) -> u64 {
+        self.completed.saturating_sub(self.excluded_completed)
     }
 }
 
@@ -66,9 +86,11 @@ pub struct CellCount {
     pub status: AnswerStatus,
     /// The action, where one was chosen.
     pub action: Option<ActionId>,
-    /// Of everybody, from the moment of the answer.
+    /// Of everybody, those included who are left out of the analysis.
+    pub n_before_exclusions: u64,
+    /// Of everybody else, from the moment of the answer.
     pub n_all: u64,
-    /// Of completed runs.
+    /// Of those among them who completed their runs.
     pub n_completed: u64,
 }
 
@@ -100,8 +122,8 @@ impl Store {
         let row: Option<TotalsRow> = sqlx::query_as(
             r#"
             select
-                started, completed, declined, screened_out, failed_check, timed_out, withdrawn, data_version,
-                page_version
+                started, completed, declined, screened_out, failed_check, timed_out, withdrawn, excluded,
+                excluded_completed, exclusion_version, data_version, page_version
             from population
             where study_id = ? and is_simulated = ?
             "#,
@@ -119,6 +141,9 @@ impl Store {
             failed_check: count(row.failed_check),
             timed_out: count(row.timed_out),
             withdrawn: count(row.withdrawn),
+            excluded: count(row.excluded),
+            excluded_completed: count(row.excluded_completed),
+            exclusion_version: row.exclusion_version,
             data_version: row.data_version,
             page_version: row.page_version,
         })
@@ -134,9 +159,11 @@ impl Store {
         study: &StudyId,
         population: Population,
     ) -> Result<Vec<CellCount>, Error> {
-        let rows: Vec<(ProblemId, String, String, String, String, i64, i64)> = sqlx::query_as(
+        let rows: Vec<(ProblemId, String, String, String, String, i64, i64, i64)> = sqlx::query_as(
             r#"
-            select problem.id, problem.cell, problem.hash, counter.status, counter.action, n_all, n_completed
+            select
+                problem.id, problem.cell, problem.hash, counter.status, counter.action, n_all, n_all - excluded_all,
+                n_completed - excluded_completed
             from counter
             join problem on problem.id = counter.problem_id
             where counter.study_id = ? and counter.is_simulated = ?
@@ -151,7 +178,7 @@ impl Store {
         .await?;
         rows.into_iter()
             .map(
-                |(problem, cell, hash, status, action, n_all, n_completed)| {
+                |(problem, cell, hash, status, action, n_before, n_all, n_completed)| {
                     Ok(CellCount {
                         problem,
                         cell,
@@ -160,6 +187,7 @@ impl Store {
                             .parse()
                             .map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
                         action: (!action.is_empty()).then(|| ActionId::from(action)),
+                        n_before_exclusions: count(n_before),
                         n_all: count(n_all),
                         n_completed: count(n_completed),
                     })
@@ -189,6 +217,7 @@ impl Store {
                 join answer on answer.run_id = run.id
                 where run.study_id = ?1 and run.is_simulated = ?2
                 and (run.state = 'completed' or not ?3)
+                and not exists (select 1 from exclusion where exclusion.run_id = run.id)
                 and answer.is_counted = 1 and answer.status = 'answered'
                 and answer.problem_id in (select value from json_each(?4))
                 group by run.id

@@ -30,10 +30,12 @@ pub(super) struct Effects {
     pub(super) answers: Vec<NewAnswer>,
     /// Runs whose row changed.
     pub(super) touched: BTreeSet<RunId>,
-    pub(super) counts: BTreeMap<CountKey, u64>,
+    pub(super) counts: BTreeMap<CountKey, Counted>,
     /// Runs whose answers count as completed from now on.
     pub(super) completed: Vec<RunId>,
     pub(super) populations: BTreeMap<(StudyId, Population), PopulationDelta>,
+    /// Runs that ended, whatever became of them.
+    pub(super) ended: Vec<RunId>,
     /// Runs that were completed, whether they count or not, and when.
     pub(super) paid: Vec<(RunId, Timestamp)>,
 }
@@ -141,6 +143,14 @@ pub(super) struct CountKey {
     pub(super) action: String,
 }
 
+/// How many answers are new.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Counted {
+    pub(super) n: u64,
+    /// Those among them of people who are left out of the analysis already.
+    pub(super) excluded: u64,
+}
+
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PopulationDelta {
     pub(super) started: u32,
@@ -149,6 +159,8 @@ pub(super) struct PopulationDelta {
     pub(super) screened_out: u32,
     pub(super) failed_check: u32,
     pub(super) timed_out: u32,
+    /// Completed ones that are left out of the analysis already.
+    pub(super) excluded_completed: u32,
 }
 
 impl NewAnswer {

@@ -407,6 +407,7 @@ async fn answer(
         if judged.facts.state == RunState::Completed {
             total.completed += 1;
             effects.completed.push(id);
+            effects.ended.push(id);
         }
         effects.touched.insert(id);
         event(
@@ -485,5 +486,5 @@ fn count(effects: &mut Effects, import: &Import, closed: &Closed, reply: &Reply)
         status: closed.status,
         action,
     };
-    *effects.counts.entry(key).or_default() += 1;
+    effects.counts.entry(key).or_default().n += 1;
 }

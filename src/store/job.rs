@@ -5,6 +5,7 @@ use tokio::sync::oneshot;
 use super::accounts::AccountChange;
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
+use super::exclusions::ExclusionChange;
 use super::fits::NewFit;
 use super::import::Import;
 use super::token::TokenHash;
@@ -66,6 +67,7 @@ pub(super) enum Rare {
     Publish(Publish, Ticket<VersionId>),
     SetState(StudyId, StudyState, Ticket<()>),
     Withdraw(RunId, Timestamp, Ticket<()>),
+    Exclude(Box<ExclusionChange>, Timestamp, Ticket<()>),
     SaveFits(Vec<NewFit>, Timestamp, Ticket<Vec<super::FitId>>),
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
@@ -172,6 +174,8 @@ pub(super) struct Publish {
     pub(super) study: StudyId,
     pub(super) hash: String,
     pub(super) text: String,
+    /// Whom it leaves out of the analysis, as JSON.
+    pub(super) exclusion: Option<String>,
     pub(super) state_if_new: StudyState,
     pub(super) at: Timestamp,
 }
@@ -203,6 +207,7 @@ impl Job {
             Self::Rare(
                 Rare::SetState(_, _, ticket)
                 | Rare::Withdraw(_, _, ticket)
+                | Rare::Exclude(_, _, ticket)
                 | Rare::SaveComparison(_, _, ticket),
             ) => ticket.deliver(),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.deliver(),
@@ -227,6 +232,7 @@ impl Job {
             Self::Rare(
                 Rare::SetState(_, _, ticket)
                 | Rare::Withdraw(_, _, ticket)
+                | Rare::Exclude(_, _, ticket)
                 | Rare::SaveComparison(_, _, ticket),
             ) => ticket.fail(err),
             Self::Rare(Rare::SaveFits(_, _, ticket)) => ticket.fail(err),

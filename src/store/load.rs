@@ -15,6 +15,8 @@ use crate::study::{BlockId, ConditionId, StepKind, StudyId, TimeFactor, Timestam
 pub(super) struct LoadedRun {
     pub(super) study: StudyId,
     pub(super) population: Population,
+    /// Whether it is left out of the analysis already, by hand.
+    pub(super) is_excluded: bool,
     /// The condition, where it takes a place: previews and runs without an end take none.
     pub(super) place: Option<Place>,
     pub(super) facts: RunFacts,
@@ -106,6 +108,7 @@ struct RunStepRow {
     block: Option<String>,
     limit_ms: Option<i64>,
     problem_id: Option<ProblemId>,
+    is_excluded: bool,
 }
 
 /// The runs in question, each with its current step and as many after it as there are jobs for it.
@@ -125,7 +128,8 @@ pub(super) async fn runs(
         select
             run.id, run.study_id, run.state, run.position as current, run.shown_at_ms, run.deadline_ms,
             run.attempts, run.time_factor, run.is_simulated, run.is_preview, run.condition, run.expires_at_ms,
-            step.kind, step.block, step.limit_ms, step.problem_id
+            step.kind, step.block, step.limit_ms, step.problem_id,
+            exists (select 1 from exclusion where exclusion.run_id = run.id) as is_excluded
         from json_each(?) as asked
         join run on run.id = asked.value ->> 0
         left join step
@@ -151,6 +155,7 @@ pub(super) async fn runs(
                 }),
                 study: row.study_id.into(),
                 population: Population::from_flag(row.is_simulated),
+                is_excluded: row.is_excluded,
                 facts: RunFacts {
                     state: row.state,
                     position: row.current,

@@ -16,6 +16,7 @@
 //!   group of tables,
 //! * `progress`, `quality`, `sources`: what researchers watch while a study runs: steps, times, participants and what is notable
 //!   about them,
+//! * `exclusions`: who is left out of the analysis;
 //! * `participants`: one row per person, for exports; `backup`: copies; `import`: answers from elsewhere,
 //! * `doctor`: whether a database is well,
 //! * `check`: whether answers and counters agree with the events that they come from.
@@ -34,6 +35,7 @@ mod doctor;
 mod draw;
 mod effects;
 mod error;
+mod exclusions;
 mod fits;
 mod import;
 mod job;
@@ -78,6 +80,7 @@ pub use counts::{CellCount, Pattern, Totals};
 pub use doctor::{Finding, Health, examine};
 pub use draw::{draw_run, drawn_step};
 pub use error::{Error, OpenError};
+pub use exclusions::{ExcludedByHand, Exclusion, ExclusionReason, ReasonError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
 pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
@@ -88,7 +91,7 @@ pub use names::{
 };
 pub use participants::{ParticipantRow, StepAnswer};
 pub use progress::{LEFT_AFTER_MS, StepProgress};
-pub use quality::{FAST_CHOICE_MS, Flag, ParticipantFilter, WatchedParticipant};
+pub use quality::{FAST_CHOICE_MS, ParticipantFilter, WatchedParticipant};
 pub use rules::Submission;
 pub use runs::{ArrivalView, RunView, StepView, StoredCount};
 pub use sources::SourceCount;

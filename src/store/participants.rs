@@ -34,6 +34,8 @@ pub struct ParticipantRow {
     pub recruiting: BTreeMap<String, String>,
     /// What the person is paid beside the fee.
     pub bonus: Option<f64>,
+    /// Why they are left out of the analysis, if they are: flags of the study's rule, and a reason that somebody gave.
+    pub excluded: Option<String>,
 }
 
 /// A closed step of any kind.
@@ -73,6 +75,7 @@ struct StoredParticipant {
     platform_key: Option<String>,
     recruiting: Option<String>,
     bonus: Option<f64>,
+    excluded: Option<String>,
 }
 
 #[derive(sqlx::FromRow)]
@@ -106,9 +109,11 @@ impl Store {
             select
                 run.id, run.version_id, run.state, run.condition, run.source, run.language, run.time_factor,
                 run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
-                bonus.amount as bonus
+                bonus.amount as bonus,
+                concat_ws('; ', exclusion.flags, 'by hand: ' || exclusion.reason) as excluded
             from run
             left join bonus on bonus.run_id = run.id
+            left join exclusion on exclusion.run_id = run.id
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
             and run.id > ?
             order by run.id
@@ -181,6 +186,7 @@ impl StoredParticipant {
             platform_key: self.platform_key,
             recruiting,
             bonus: self.bonus,
+            excluded: self.excluded.filter(|reason| !reason.is_empty()),
         })
     }
 }

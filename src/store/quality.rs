@@ -1,56 +1,43 @@
 //! The participants of a study one by one, with what is notable about their answers.
 //!
-//! What is notable excludes nobody: it is for whoever looks at the data.
+//! What is notable excludes nobody by itself: it is for whoever looks at the data, and for a study's rule of exclusion.
 
-use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::{Error, Population, RunId, RunState, Store, json};
-use crate::study::{ConditionId, InstructedItem, StudyId, Timestamp};
+use crate::study::{ConditionId, Flag, InstructedItem, StudyId, Timestamp};
 
 /// A choice that the page measured to be faster than this was hardly read. (decision)
 pub const FAST_CHOICE_MS: i64 = 300;
 
-/// Something notable about a participant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Flag {
-    /// Some choice took less than [`FAST_CHOICE_MS`] on the page's clock.
-    FastChoice,
-    /// The whole run took less than a third of the median of all completed ones.
-    ShortRun,
-    /// The page was hidden while a question was shown.
-    HiddenPage,
-    /// A comprehension check was answered wrongly, or an attention check not as asked.
-    FailedCheck,
-    /// Some timed question was answered too late.
-    LateAnswer,
-    /// The person came by several links.
-    SeveralArrivals,
+/// The columns of flags that a run tells by itself, over `run` with its answers joined as `answer` and grouped by run: what
+/// stands for [`FAST_CHOICE_MS`], and for a JSON list of attention checks.
+macro_rules! flag_columns {
+    ($fast_ms:literal, $checks:literal) => {
+        concat!(
+            "ifnull(max(answer.action is not null and answer.client_rt_ms < ",
+            $fast_ms,
+            r#"), 0) as fast_choice,
+            ifnull(max(answer.hidden_ms > 0), 0) as hidden_page,
+            run.state = 'failed_check'
+            or ifnull(max(answer.value ->> '_passed' = 0 or answer.value ->> '_attempts' > 1), 0)
+            or exists (
+                select 1
+                from json_each("#,
+            $checks,
+            r#") as item
+                join step on step.run_id = run.id and step.kind = 'form'
+                    and step.block = item.value ->> 'block'
+                join answer as given on given.run_id = step.run_id and given.position = step.position
+                where given.value -> (item.value ->> 'field') <> item.value -> 'expected'
+                and given.value ->> (item.value ->> 'field') is not null
+            ) as failed_check,
+            ifnull(max(answer.status = 'late'), 0) as late_answer
+            "#
+        )
+    };
 }
-
-impl Flag {
-    /// All flags.
-    pub const ALL: [Self; 6] = [
-        Self::FastChoice,
-        Self::ShortRun,
-        Self::HiddenPage,
-        Self::FailedCheck,
-        Self::LateAnswer,
-        Self::SeveralArrivals,
-    ];
-
-    /// The name in addresses and in the API.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::FastChoice => "fast-choice",
-            Self::ShortRun => "short-run",
-            Self::HiddenPage => "hidden-page",
-            Self::FailedCheck => "failed-check",
-            Self::LateAnswer => "late-answer",
-            Self::SeveralArrivals => "several-arrivals",
-        }
-    }
-}
+pub(super) use flag_columns;
 
 /// Which participants are asked for.
 #[derive(Debug, Clone, Default)]
@@ -61,6 +48,8 @@ pub struct ParticipantFilter {
     pub source: Option<String>,
     /// Those with this flag alone.
     pub flag: Option<Flag>,
+    /// Those alone who are left out of the analysis.
+    pub is_excluded: bool,
 }
 
 /// One participant with how far they are and what is notable.
@@ -84,6 +73,8 @@ pub struct WatchedParticipant {
     pub steps: u64,
     /// What is notable.
     pub flags: Vec<Flag>,
+    /// Why they are left out of the analysis, if they are: flags of the study's rule, and a reason that somebody gave.
+    pub excluded: Option<String>,
 }
 
 #[derive(sqlx::FromRow)]
@@ -103,6 +94,7 @@ struct Row {
     failed_check: bool,
     late_answer: bool,
     several_arrivals: bool,
+    excluded: Option<String>,
 }
 
 impl Store {
@@ -119,15 +111,7 @@ impl Store {
         before: Option<RunId>,
         limit: u32,
     ) -> Result<Vec<WatchedParticipant>, Error> {
-        let checks: Vec<_> = checks
-            .iter()
-            .map(|check| {
-                serde_json::json!({
-                    "block": check.block, "field": check.field, "expected": check.expected,
-                })
-            })
-            .collect();
-        let rows: Vec<Row> = sqlx::query_as(
+        let rows: Vec<Row> = sqlx::query_as(concat!(
             r#"
             select *
             from (
@@ -135,22 +119,16 @@ impl Store {
                     run.id, run.state, run.condition, run.source, run.started_at_ms, run.finished_at_ms,
                     count(answer.event_id) as answered,
                     (select count(*) from step where step.run_id = run.id and step.kind <> 'thanks') as steps,
-                    ifnull(max(answer.action is not null and answer.client_rt_ms < ?5), 0) as fast_choice,
                     run.state = 'completed' and run.finished_at_ms - run.started_at_ms < ?6 as short_run,
-                    ifnull(max(answer.hidden_ms > 0), 0) as hidden_page,
-                    run.state = 'failed_check'
-                    or ifnull(max(answer.value ->> '_passed' = 0 or answer.value ->> '_attempts' > 1), 0)
-                    or exists (
-                        select 1
-                        from json_each(?7) as item
-                        join step on step.run_id = run.id and step.kind = 'form'
-                            and step.block = item.value ->> 'block'
-                        join answer as given on given.run_id = step.run_id and given.position = step.position
-                        where given.value -> (item.value ->> 'field') <> item.value -> 'expected'
-                        and given.value ->> (item.value ->> 'field') is not null
-                    ) as failed_check,
-                    ifnull(max(answer.status = 'late'), 0) as late_answer,
-                    (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals
+                    (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals,
+                    (
+                        select concat_ws('; ', flags, 'by hand: ' || reason)
+                        from exclusion
+                        where exclusion.run_id = run.id
+                    ) as excluded,
+                    "#,
+            flag_columns!("?5", "?7"),
+            r#"
                 from run
                 left join answer on answer.run_id = run.id
                 where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
@@ -169,24 +147,36 @@ impl Store {
                 when 'several-arrivals' then several_arrivals
                 else 1
             end
+            and (not ?11 or excluded is not null)
             order by id desc
             limit ?4
             "#,
-        )
+        ))
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(before.map_or(i64::MAX, RunId::get))
         .bind(limit)
         .bind(FAST_CHOICE_MS)
         .bind(median_ms.map_or(0, |ms| i64::try_from(ms / 3).unwrap_or(0)))
-        .bind(json(&checks))
+        .bind(json(&checks_json(checks)))
         .bind(filter.state.map(RunState::as_str))
         .bind(&filter.source)
         .bind(filter.flag.map(Flag::as_str))
+        .bind(filter.is_excluded)
         .fetch_all(&self.pool)
         .await?;
         Ok(rows.into_iter().map(WatchedParticipant::from).collect())
     }
+}
+
+/// Attention checks as the columns of flags read them.
+pub(super) fn checks_json(checks: &[InstructedItem]) -> Vec<Value> {
+    let checks = checks.iter().map(|check| {
+        serde_json::json!({
+            "block": check.block, "field": check.field, "expected": check.expected,
+        })
+    });
+    checks.collect()
 }
 
 impl From<Row> for WatchedParticipant {
@@ -209,6 +199,7 @@ impl From<Row> for WatchedParticipant {
             finished_at: row.finished_at_ms.map(Timestamp),
             answered: count(row.answered),
             steps: count(row.steps),
+            excluded: row.excluded,
             flags: flags
                 .into_iter()
                 .filter(|(is_set, _)| *is_set)

@@ -21,7 +21,7 @@ pub struct SourceCount {
 }
 
 impl Store {
-    /// How often each action was chosen by source, over all answers that count. Reads them all.
+    /// How often each action was chosen by source, over all answers that count in an analysis set. Reads them all.
     ///
     /// # Errors
     /// When the database fails.
@@ -40,6 +40,7 @@ impl Store {
                 cross join answer on answer.run_id = run.id
                 where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
                 and (run.state = 'completed' or not ?3)
+                and not exists (select 1 from exclusion where exclusion.run_id = run.id)
                 and answer.is_counted = 1 and answer.status = 'answered'
                 group by run.source, answer.problem_id, answer.action
             ) as counted

@@ -3,8 +3,8 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::job::{Job, Publish, Rare};
-use super::{Change, Error, Population, Store, StudyState, VersionId};
-use crate::study::{StudyId, Timestamp};
+use super::{Change, Error, Population, Store, StudyState, VersionId, exclusions};
+use crate::study::{ExclusionRule, StudyId, Timestamp};
 
 /// A study as the database knows it.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,8 +45,9 @@ struct VersionRow {
 }
 
 impl Store {
-    /// Makes a study's text the current version, and the study itself if it is new, in the state `state_if_new`. The
-    /// same text again is the version that it was.
+    /// Makes a study's text the current version, and the study itself if it is new, in the state `state_if_new`. Runs
+    /// under this version are judged by `rule`, whatever later versions say. The same text again is the version that it
+    /// was.
     ///
     /// # Errors
     /// When the database fails.
@@ -56,11 +57,13 @@ impl Store {
         hash: &str,
         text: &str,
         state_if_new: StudyState,
+        rule: Option<&ExclusionRule>,
     ) -> Result<VersionId, Error> {
         let publish = Publish {
             study: study.clone(),
             hash: hash.to_owned(),
             text: text.to_owned(),
+            exclusion: rule.map(exclusions::rule_json),
             state_if_new,
             at: self.now(),
         };
@@ -197,8 +200,8 @@ pub(super) async fn publish(
         .await?;
     let version: VersionId = sqlx::query_scalar(
         r#"
-        insert into study_version (study_id, hash, text, program_version, created_at_ms)
-        values (?, ?, ?, ?, ?)
+        insert into study_version (study_id, hash, text, exclusion, program_version, created_at_ms)
+        values (?, ?, ?, ?, ?, ?)
         -- the same text again is the version that it was; updating nothing makes `returning` tell its id
         on conflict do update set hash = hash
         returning id
@@ -207,6 +210,7 @@ pub(super) async fn publish(
     .bind(study)
     .bind(&publish.hash)
     .bind(&publish.text)
+    .bind(&publish.exclusion)
     .bind(env!("CARGO_PKG_VERSION"))
     .bind(publish.at.0)
     .fetch_one(&mut *connection)

@@ -70,7 +70,7 @@ impl Store {
     }
 }
 
-/// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
+/// Erases a run: its answers, events, steps, bonus, exclusion, recruiting ids and its share of the counters. What stays is an anonymous
 /// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
 /// took part to an end, the keyed hash of their recruiting id stays in a table of its own until the retention date: whoever
 /// has seen their bonus or the answers of a check gets no second try by withdrawing.
@@ -119,6 +119,11 @@ pub(super) async fn erase(
         .bind(run)
         .execute(&mut *connection)
         .await?;
+    let exclusions = sqlx::query("delete from exclusion where run_id = ?")
+        .bind(run)
+        .execute(&mut *connection)
+        .await?
+        .rows_affected();
     if state != RunState::Active.as_str() {
         remember_person(connection, run).await?;
     }
@@ -161,6 +166,8 @@ pub(super) async fn erase(
         update population
         set
             completed = completed - (?2 = 'completed'),
+            excluded = excluded - ?4,
+            excluded_completed = excluded_completed - ?4 * (?2 = 'completed'),
             declined = declined - (?2 = 'declined'),
             screened_out = screened_out - (?2 = 'screened_out'),
             failed_check = failed_check - (?2 = 'failed_check'),
@@ -179,6 +186,7 @@ pub(super) async fn erase(
     .bind(run)
     .bind(&state)
     .bind(was_counted)
+    .bind(i64::from(exclusions > 0))
     .fetch_all(&mut *connection)
     .await?;
     if was_counted {
@@ -269,10 +277,15 @@ async fn subtract_counts(connection: &mut SqliteConnection, run: RunId) -> Resul
     sqlx::query(
         r#"
         update counter
-        set n_all = n_all - own.n, n_completed = n_completed - own.n * own.is_completed
+        set
+            n_all = n_all - own.n,
+            n_completed = n_completed - own.n * own.is_completed,
+            excluded_all = excluded_all - own.n * own.is_excluded,
+            excluded_completed = excluded_completed - own.n * own.is_completed * own.is_excluded
         from (
             select
-                run.study_id, run.is_simulated, run.state = 'completed' as is_completed, answer.problem_id,
+                run.study_id, run.is_simulated, run.state = 'completed' as is_completed,
+                exists (select 1 from exclusion where exclusion.run_id = run.id) as is_excluded, answer.problem_id,
                 answer.status, ifnull(answer.action, '') as action, count(*) as n
             from run
             join answer on answer.run_id = run.id

@@ -15,8 +15,8 @@ use tokio_util::sync::CancellationToken;
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
 use super::{
-    Change, Error, accounts, batch, checkpoints, comparisons, fits, import, open, runs, studies,
-    withdraw,
+    Change, Error, accounts, batch, checkpoints, comparisons, exclusions, fits, import, open, runs,
+    studies, withdraw,
 };
 
 /// How many jobs one commit takes at most.
@@ -299,6 +299,11 @@ async fn write_rare(
         Rare::Withdraw(run, at, ticket) => {
             let changes = withdraw::erase(connection, *run, *at).await?;
             ticket.hold(Ok(()));
+            Ok(changes)
+        }
+        Rare::Exclude(change, at, ticket) => {
+            let (done, changes) = exclusions::change(connection, change, *at).await?;
+            ticket.hold(done);
             Ok(changes)
         }
         Rare::SaveFits(fits, at, ticket) => {

@@ -6,7 +6,7 @@ use super::step::{
     ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
 };
 use super::{
-    Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, LevelId,
+    Baseline, BlockId, Bonus, Cell, Condition, FactorId, FitPlan, FitSettings, Flag, LevelId,
     PaperFigure, ParseError, Recruiting, RedirectTarget, Sequential, StudyId, Words, parse,
 };
 use crate::model::ChoiceModel;
@@ -41,6 +41,7 @@ pub struct Study {
     pub(super) conditions: Vec<Condition>,
     pub(super) recruiting: Recruiting,
     pub(super) include: Include,
+    pub(super) exclude: Vec<Flag>,
     pub(super) blind_until: Option<u64>,
     pub(super) hypothesis: Option<StatedHypothesis>,
     pub(super) sequential: Sequential,
@@ -235,7 +236,7 @@ impl Study {
         &self.recruiting
     }
 
-    /// Whose answers are analysed.
+    /// Whose answers are analysed, unless they are left out ([`Study::exclude`]).
     pub fn include(&self) -> Include {
         self.include
     }

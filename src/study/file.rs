@@ -381,6 +381,8 @@ pub(super) enum RawIds {
 pub(super) struct RawAnalysis {
     #[serde(default)]
     pub(super) include: RawInclude,
+    #[serde(default)]
+    pub(super) exclude: Vec<String>,
     pub(super) blind_until: Option<u64>,
     pub(super) hypothesis: Option<RawHypothesis>,
 }

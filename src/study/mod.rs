@@ -9,6 +9,7 @@
 //! * `cell`: cells of the design and the baseline questions,
 //! * `plan`: what is fitted, and how; `sequential`: when there is enough of it,
 //! * `condition`: what differs between people; `recruiting`: who is taken in,
+//! * `exclusion`: whom the analysis leaves out,
 //! * `draw`: a run's list of steps; `bonus`: what is paid for them; `contents`: what each block shows and asks,
 //! * [`step`]: what each kind of step shows and accepts,
 //! * `timing`: the rules of time limits,
@@ -28,6 +29,7 @@ mod definition;
 mod document;
 mod draw;
 mod error;
+mod exclusion;
 mod file;
 mod id;
 mod instructed;
@@ -55,6 +57,7 @@ pub use definition::{
 };
 pub use draw::{StepData, StepKind, StepPlan};
 pub use error::ParseError;
+pub use exclusion::{ExclusionRule, Flag, exclusions_in_words};
 pub use id::{
     ActionId, BlockId, CellId, FactorId, LevelId, PartId, PlanId, QuestionId, ReplayId, StudyId,
 };

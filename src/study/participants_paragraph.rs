@@ -2,6 +2,8 @@
 
 use std::fmt::Write;
 
+use super::{Flag, exclusions_in_words};
+
 /// What the paragraph is made of. What was not asked is empty, and its sentence is left out.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ParticipantFacts {
@@ -21,10 +23,13 @@ pub struct ParticipantFacts {
     pub withdrawn: u64,
     /// Those who are under way, or left without a word.
     pub unfinished: u64,
-    /// What people who completed answered when they were asked for their gender: text of the answer, how many. No
+    /// How many of those who completed are left out of the analysis for what; no flag stands for those who are left out by
+    /// hand alone.
+    pub excluded: Vec<(Option<Flag>, u64)>,
+    /// What people who completed and are analysed answered when they were asked for their gender: text of the answer, how many. No
     /// text stands for those who left it empty.
     pub genders: Vec<(Option<String>, u64)>,
-    /// The ages of people who completed, each with how many have it, in any order.
+    /// The ages of people who completed and are analysed, each with how many have it, in any order.
     pub ages: Vec<(i64, u64)>,
     /// The median time of completed runs, in milliseconds.
     pub median_ms: Option<u64>,
@@ -35,7 +40,7 @@ pub struct ParticipantFacts {
 }
 
 impl ParticipantFacts {
-    /// The paragraph: n by source, what was required of people, gender shares, median and range of age, who is missing,
+    /// The paragraph: n by source, what was required of people, who is left out of the analysis, gender shares, median and range of age, who is missing,
     /// times. Whoever is not in the completed runs is named with the reason, so that the numbers add up to those who
     /// started.
     pub fn paragraph(&self) -> String {
@@ -49,6 +54,7 @@ impl ParticipantFacts {
             )
             .expect("a text takes everything");
         }
+        text.push_str(&self.excluded_sentence());
         if completed > 0 {
             text.push_str(&self.gender_sentence());
             text.push_str(&self.age_sentence());
@@ -97,6 +103,29 @@ impl ParticipantFacts {
         text
     }
 
+    fn left_out(&self) -> u64 {
+        self.excluded.iter().map(|(_, n)| n).sum()
+    }
+
+    fn excluded_sentence(&self) -> String {
+        match self.left_out() {
+            0 => String::new(),
+            n => {
+                let verb = if n == 1 { "was" } else { "were" };
+                let reasons = exclusions_in_words(&self.excluded);
+                format!(" Of these, {n} {verb} left out of the analysis: {reasons}.")
+            }
+        }
+    }
+
+    /// Whom the sentences about gender and age speak of, where it is not everybody who completed.
+    fn of_whom(&self) -> String {
+        match self.left_out() {
+            0 => String::new(),
+            n => format!(" of the other {}", self.completed().saturating_sub(n)),
+        }
+    }
+
     fn gender_sentence(&self) -> String {
         let asked: u64 = self.genders.iter().map(|(_, n)| n).sum();
         if asked == 0 {
@@ -113,7 +142,7 @@ impl ParticipantFacts {
                 format!("{gender} {share:.0} %")
             })
             .collect();
-        format!(" Gender: {}.", parts.join(", "))
+        format!(" Gender{}: {}.", self.of_whom(), parts.join(", "))
     }
 
     fn age_sentence(&self) -> String {
@@ -135,13 +164,16 @@ impl ParticipantFacts {
                 .map_or(*oldest, |(age, _)| *age)
         };
         let median = (at((n - 1) / 2) + at(n / 2)) as f64 / 2.0;
-        let missing = self.completed().saturating_sub(n);
+        let missing = self.completed().saturating_sub(self.left_out() + n);
         let unknown = if missing > 0 {
             format!("; {missing} did not tell their age")
         } else {
             String::new()
         };
-        format!(" The median age was {median} years (range {youngest} to {oldest}{unknown}).")
+        format!(
+            " The median age{} was {median} years (range {youngest} to {oldest}{unknown}).",
+            self.of_whom()
+        )
     }
 
     fn missing_sentence(&self) -> String {
@@ -186,6 +218,7 @@ mod tests {
             timed_out: 0,
             withdrawn: 1,
             unfinished: 3,
+            excluded: Vec::new(),
             genders: vec![
                 (None, 1),
                 (Some("Woman".to_owned()), 9),
@@ -207,6 +240,24 @@ mod tests {
              median age was 30 years (range 18 to 61; 1 did not tell their age). Of 40 who started, 2 did not consent, \
              1 was screened out, 3 failed a comprehension check, 1 withdrew and was erased, 3 did not finish. The \
              median time from start to end was 5.2 minutes."
+        );
+    }
+
+    #[test]
+    fn whoever_is_left_out_is_told_with_the_reason_and_not_among_the_ages() {
+        let facts = ParticipantFacts {
+            excluded: vec![(Some(Flag::FailedCheck), 1), (None, 1)],
+            genders: vec![(Some("Man".to_owned()), 28)],
+            ages: vec![(30, 28)],
+            ..thirty()
+        };
+        let told = facts.paragraph();
+        assert!(
+            told.contains(
+                " Of these, 2 were left out of the analysis: 1 answered a check wrongly, 1 by hand. Gender of the other \
+                 28: Man 100 %. The median age of the other 28 was 30 years (range 30 to 30). Of 40 who started,"
+            ),
+            "{told}"
         );
     }
 

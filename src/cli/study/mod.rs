@@ -1,6 +1,7 @@
 //! `riskaware study`: what a researcher does with a study from the terminal, one command a file.
 
 mod check;
+mod exclude;
 mod new;
 mod report;
 mod state;
@@ -25,6 +26,10 @@ pub enum Command {
     Pause(state::Arguments),
     /// End a study: nobody new is let in, those under way finish
     Close(state::Arguments),
+    /// Leave a participant out of the analysis
+    Exclude(exclude::ExcludeArguments),
+    /// Take a participant into the analysis again
+    Include(exclude::IncludeArguments),
 }
 
 /// Carries a command out.
@@ -38,5 +43,7 @@ pub fn run(command: Command) -> anyhow::Result<ExitCode> {
         Command::Open(arguments) => block_on(state::run(arguments, state::Change::Open)),
         Command::Pause(arguments) => block_on(state::run(arguments, state::Change::Pause)),
         Command::Close(arguments) => block_on(state::run(arguments, state::Change::Close)),
+        Command::Exclude(arguments) => block_on(exclude::exclude(arguments)),
+        Command::Include(arguments) => block_on(exclude::include(arguments)),
     }
 }

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde_json::{Value, json};
 
 use super::warnings::rounded;
-use crate::study::{DURATION_RULE, OutlinedStep, Study};
+use crate::study::{DURATION_RULE, Flag, Include, OutlinedStep, Study};
 
 /// The preview for machines.
 pub(super) fn as_json(study: &Study) -> Value {
@@ -53,6 +53,13 @@ pub(super) fn as_json(study: &Study) -> Value {
         "title": study.title(),
         "hash": study.hash(),
         "conditions": study.conditions().iter().map(|condition| &condition.id).collect::<Vec<_>>(),
+        "analysis": {
+            "include": match study.include() {
+                Include::Completed => "completed",
+                Include::All => "all",
+            },
+            "exclude": study.exclude(),
+        },
         "cells": cells,
         "steps": steps,
         "minutes": { "told": study.minutes(), "expected": rounded(minutes(&outline)), "rule": DURATION_RULE },
@@ -136,6 +143,7 @@ fn write_text(text: &mut String, study: &Study, warnings: &[String]) -> std::fmt
             bonus.currency
         )?;
     }
+    writeln!(text, "Analysis: {}.", analysis(study))?;
     match warnings {
         [] => writeln!(text, "\nNo mistakes and no warnings."),
         warnings => {
@@ -145,6 +153,22 @@ fn write_text(text: &mut String, study: &Study, warnings: &[String]) -> std::fmt
                 .try_for_each(|warning| writeln!(text, "  * {warning}"))
         }
     }
+}
+
+/// Whose answers are analysed.
+fn analysis(study: &Study) -> String {
+    let included = match study.include() {
+        Include::Completed => "answers of people who finished",
+        Include::All => "every valid answer from the moment when it is given",
+    };
+    let flags: Vec<&str> = study.exclude().iter().copied().map(Flag::deed).collect();
+    if flags.is_empty() {
+        return format!("{included}; no rule leaves anybody out");
+    }
+    format!(
+        "{included}; left out when their run ends: whoever {}",
+        flags.join(", or ")
+    )
 }
 
 fn write_step(text: &mut String, step: &OutlinedStep) -> std::fmt::Result {

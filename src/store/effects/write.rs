@@ -3,9 +3,8 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::Effects;
-use crate::store::bonuses;
 use crate::store::rules::RunFacts;
-use crate::store::{Change, Population, RunId, json};
+use crate::store::{Change, Population, RunId, bonuses, exclusions, json};
 
 impl Effects {
     /// Writes everything. `facts` gives the rows of the touched runs.
@@ -24,7 +23,9 @@ impl Effects {
         self.write_answers(connection).await?;
         bonuses::draw(connection, &self.paid).await?;
         self.write_counts(connection).await?;
-        self.write_populations(connection).await
+        let changes = self.write_populations(connection).await?;
+        exclusions::apply_rules(connection, &self.ended).await?;
+        Ok(changes)
     }
 
     async fn write_arrivals(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
@@ -300,7 +301,7 @@ impl Effects {
             let rows: Vec<_> = self
                 .counts
                 .iter()
-                .map(|(key, n)| {
+                .map(|(key, counted)| {
                     let simulated = key.population.is_simulated();
                     (
                         &key.study,
@@ -308,17 +309,19 @@ impl Effects {
                         key.problem,
                         key.status,
                         &key.action,
-                        n,
+                        counted.n,
+                        counted.excluded,
                     )
                 })
                 .collect();
             sqlx::query(
                 r#"
-                insert into counter (study_id, is_simulated, problem_id, status, action, n_all)
-                select value ->> 0, value ->> 1, value ->> 2, value ->> 3, value ->> 4, value ->> 5
+                insert into counter (study_id, is_simulated, problem_id, status, action, n_all, excluded_all)
+                select value ->> 0, value ->> 1, value ->> 2, value ->> 3, value ->> 4, value ->> 5, value ->> 6
                 from json_each(?)
                 where true
-                on conflict do update set n_all = n_all + excluded.n_all
+                on conflict do update set
+                    n_all = n_all + excluded.n_all, excluded_all = excluded_all + excluded.excluded_all
                 "#,
             )
             .bind(json(&rows))
@@ -329,11 +332,15 @@ impl Effects {
             sqlx::query(
                 r#"
                 update counter
-                set n_completed = n_completed + done.n
+                set
+                    n_completed = n_completed + done.n, excluded_completed = excluded_completed + done.n_excluded
                 from (
                     select
                         run.study_id, run.is_simulated, answer.problem_id, answer.status,
-                        ifnull(answer.action, '') as action, count(*) as n
+                        ifnull(answer.action, '') as action, count(*) as n,
+                        count(*) filter (
+                            where exists (select 1 from exclusion where exclusion.run_id = run.id)
+                        ) as n_excluded
                     from json_each(?) as new
                     join run on run.id = new.value
                     join answer on answer.run_id = run.id
@@ -374,6 +381,7 @@ impl Effects {
                     delta.screened_out,
                     delta.failed_check,
                     delta.timed_out,
+                    delta.excluded_completed,
                 )
             })
             .collect();
@@ -387,6 +395,7 @@ impl Effects {
                 screened_out = screened_out + (new.value ->> 5),
                 failed_check = failed_check + (new.value ->> 6),
                 timed_out = timed_out + (new.value ->> 7),
+                excluded_completed = excluded_completed + (new.value ->> 8),
                 data_version = data_version + 1,
                 page_version = page_version + 1
             from json_each(?) as new

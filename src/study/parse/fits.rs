@@ -10,7 +10,7 @@ use crate::study::file::{
     RawFit, RawHypothesis, RawMeanSd, RawPaper, RawPlan, RawPrior, RawPriors, RawWeighting,
 };
 use crate::study::{
-    ActionLabel, Cell, FitPlan, FitSettings, LevelId, MeanSd, PaperFigure, PartId, PlanId,
+    ActionLabel, Cell, FitPlan, FitSettings, Flag, LevelId, MeanSd, PaperFigure, PartId, PlanId,
     PlanPart, PriorChange, Priors, StatedHypothesis, Weighting,
 };
 
@@ -135,6 +135,28 @@ fn models(names: &[String], at: &KeyPath) -> Result<Vec<&'static ChoiceModel>, F
 
 fn known_models() -> String {
     list(MODELS.iter().map(|model| model.id))
+}
+
+/// Whom the analysis leaves out, by the names of flags.
+pub(super) fn exclude(raw: &[String]) -> Result<Vec<Flag>, Fault> {
+    let at = KeyPath::root().key("analysis").key("exclude");
+    let mut flags = Vec::new();
+    for (index, name) in raw.iter().enumerate() {
+        let found = Flag::named(name).filter(|flag| flag.can_exclude());
+        let flag = found.ok_or_else(|| {
+            let allowed = Flag::ALL.into_iter().filter(|flag| flag.can_exclude());
+            at.index(index).fault(
+                rules::shown(name),
+                format!("one of {}", list(allowed.map(Flag::as_str))),
+            )
+        })?;
+        if flags.contains(&flag) {
+            let fault = at.index(index).fault(rules::shown(name), "each flag once");
+            return Err(fault);
+        }
+        flags.push(flag);
+    }
+    Ok(flags)
 }
 
 /// How many people must have finished before results are shown.

@@ -172,6 +172,7 @@ fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result
     let reference_reward = fits::reference_reward(raw.reference_reward, &cells)?;
     let plans = fits::plans(&raw.fit.plan, &design, &cells)?;
     let sequential = sequential::read(raw.stopping.as_ref(), &fit.models, &plans, &cells)?;
+    let exclude = fits::exclude(&raw.analysis.exclude)?;
     let blind_until = fits::blind_until(raw.analysis.blind_until)?;
     let hypothesis = raw.analysis.hypothesis.as_ref();
     let hypothesis = hypothesis
@@ -215,6 +216,7 @@ fn whole(text: &str, raw: &RawStudy, design: Design<'_>, parts: Parts) -> Result
             RawInclude::Completed => Include::Completed,
             RawInclude::All => Include::All,
         },
+        exclude,
         blind_until,
         hypothesis,
         sequential,

@@ -349,7 +349,7 @@ impl Guard {
             .iter()
             .chain(&counts.baseline)
             .map(QuestionCounts::n);
-        Ok(snapshot.people.completed >= LEAST_PEOPLE_IN_PUBLIC
+        Ok(snapshot.people.analysed() >= LEAST_PEOPLE_IN_PUBLIC
             && answered.all(|n| n == 0 || n >= LEAST_PEOPLE_IN_PUBLIC))
     }
 

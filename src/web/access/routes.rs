@@ -105,6 +105,11 @@ pub const ROUTES: &[Route] = &[
         MANAGE,
         "ask to erase a participant",
     ),
+    route(
+        "/studies/{study}/participants/{run}/exclusion",
+        MANAGE,
+        "ask to leave a participant out",
+    ),
     route("/studies/{study}/links", DATA, "open the links"),
     route("/studies/{study}/data", DATA, "open the exports"),
     route(

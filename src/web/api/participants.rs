@@ -14,8 +14,8 @@ use super::{
     served,
 };
 use crate::{
-    store::{Flag, ParticipantFilter, RunId, RunState, StepProgress, WatchedParticipant},
-    study::StudyId,
+    store::{ParticipantFilter, RunId, RunState, StepProgress, WatchedParticipant},
+    study::{Flag, StudyId},
     web::{ApiError, results::rfc3339},
 };
 
@@ -58,8 +58,11 @@ struct Participant {
     answered: u64,
     /// Steps that their run has, the last page left out. Nothing is left of withdrawn people.
     steps: u64,
-    /// What is notable; it excludes nobody.
+    /// What is notable; it excludes nobody by itself.
     flags: Vec<Flag>,
+    /// Why they are left out of the analysis: flags of the study's rule joined by spaces, and `by hand: ` with a reason,
+    /// joined by `; `. Null where they are not.
+    excluded: Option<String>,
 }
 
 /// The participants in pages, the newest first.
@@ -121,6 +124,7 @@ impl From<WatchedParticipant> for Participant {
             answered: row.answered,
             steps: row.steps,
             flags: row.flags,
+            excluded: row.excluded,
         }
     }
 }
@@ -134,6 +138,8 @@ struct Funnel {
     failed_check: u64,
     timed_out: u64,
     withdrawn: u64,
+    /// Completed ones that are left out of the analysis.
+    excluded: u64,
     /// Under way, or gone without a word.
     under_way: u64,
     /// Median of completed runs.
@@ -184,6 +190,7 @@ pub(super) async fn funnel(
         failed_check: people.failed_check,
         timed_out: people.timed_out,
         withdrawn: people.withdrawn,
+        excluded: people.excluded_completed,
         under_way: people.under_way(),
         median_ms: store.median_duration_ms(id, population).await?,
         steps: store

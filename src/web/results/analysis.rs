@@ -14,7 +14,7 @@ use crate::{
     jobs::{Catalogue, NotFinal, PartFit, Snapshot, fit_settings},
     model::{ChoiceProblem, OrderedMap},
     store::{Population, Store},
-    study::{Include, Study, StudyId},
+    study::{Flag, Include, Study, StudyId},
     web::Error,
 };
 
@@ -65,6 +65,8 @@ struct Settings<'a> {
     /// Independent posterior samples behind ln KL.
     samples: usize,
     include: &'static str,
+    /// Flags of people who are left out.
+    exclude: &'a [Flag],
     models: Vec<&'a str>,
     /// Chains, draws, options and priors; each fit names its own seed.
     fit: Value,
@@ -162,6 +164,7 @@ pub async fn analysis_json(
                 Include::Completed => "completed",
                 Include::All => "all",
             },
+            exclude: study.exclude(),
             models: study.models().iter().map(|model| model.id).collect(),
             fit: settings_of(study).map_err(|error| Error::Internal(error.into()))?,
         },

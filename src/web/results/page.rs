@@ -37,6 +37,8 @@ pub(super) struct ResultsPage {
     /// That the study's rule for stopping was reached.
     announcement: Option<String>,
     people: [String; 4],
+    /// Who is left out of the analysis.
+    left_out: String,
     answers: [String; 4],
     verdict: super::verdict::Verdict,
     plan: String,
@@ -95,6 +97,8 @@ pub(super) struct BlindPage {
     simulated: bool,
     until: String,
     people: [String; 4],
+    /// Who is left out of the analysis.
+    left_out: String,
     answers: [String; 4],
 }
 
@@ -113,6 +117,7 @@ impl BlindPage {
             title: study.title,
             simulated,
             until: count(blind.until),
+            left_out: people.exclusions_text.clone(),
             people: counted_people(&people),
             answers: counted_answers(&answers),
         }
@@ -147,6 +152,7 @@ impl ResultsPage {
             title: summary.study.title.clone(),
             simulated: summary.simulated,
             announcement: summary.stopping.clone(),
+            left_out: people.exclusions_text.clone(),
             people: counted_people(people),
             answers: counted_answers(answers),
             plan: accuracy.plan_label.clone(),
@@ -403,10 +409,15 @@ fn followed(summary: &Summary, sequential: &Sequential<'_>) -> Figure {
 }
 
 fn source(summary: &Summary) -> String {
+    let left_out = match summary.people.excluded {
+        0 => String::new(),
+        n => format!(", {} left out", count(n)),
+    };
     format!(
-        "n = {} answers of {} people who finished · data version {}, fit version {}",
+        "n = {} answers of {} people who finished{} · data version {}, fit version {}",
         count(summary.answers.counted),
         count(summary.people.completed),
+        left_out,
         summary.data_version,
         summary.fit_version
     )

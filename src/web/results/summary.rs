@@ -6,7 +6,7 @@ use crate::{
     inference::wilson_interval,
     jobs::{Blind, FitReport, PartFit, PartState, QuestionCounts, Snapshot},
     model::OrderedMap,
-    study::{Cell, Factor},
+    study::{Cell, Factor, Flag, exclusions_in_words},
     web::results::{evidence::announcement, verdict::Verdict},
 };
 
@@ -54,6 +54,22 @@ pub(in crate::web) struct People {
     pub completed: u64,
     pub declined: u64,
     pub withdrawn: u64,
+    /// Who completed it and is not left out of the analysis.
+    pub analysed: u64,
+    /// Who is left out of the analysis set.
+    pub excluded: u64,
+    /// The same by reason.
+    pub exclusions: Vec<ExclusionRow>,
+    /// The same in words.
+    pub exclusions_text: String,
+}
+
+/// How many people are left out of the analysis for what.
+#[derive(Debug, Serialize, utoipa::ToSchema)]
+pub(in crate::web) struct ExclusionRow {
+    /// The first flag of the study's rule that they have; null for those who are left out by hand alone.
+    pub flag: Option<Flag>,
+    pub n: u64,
 }
 
 /// Answers to the questions of the design.
@@ -62,7 +78,7 @@ pub(in crate::web) struct People {
 pub(in crate::web) struct Answers {
     /// In the analysis set.
     pub counted: u64,
-    /// Valid ones before the rule of inclusion.
+    /// Valid ones of everybody, before the rule of inclusion and before anybody is left out.
     pub before_exclusions: u64,
     pub late: u64,
     pub timed_out: u64,
@@ -204,12 +220,7 @@ impl Summary {
             simulated: snapshot.population.is_simulated(),
             blind,
             stopping: announcement(snapshot).filter(|_| blind.is_none()),
-            people: People {
-                started: snapshot.people.started,
-                completed: snapshot.people.completed,
-                declined: snapshot.people.declined,
-                withdrawn: snapshot.people.withdrawn,
-            },
+            people: People::new(snapshot),
             answers: Answers {
                 counted: sum(QuestionCounts::n),
                 before_exclusions: sum(|cell| cell.before_exclusions),
@@ -249,6 +260,29 @@ impl Summary {
                 })
                 .collect(),
             verdict: Verdict::new(snapshot),
+        }
+    }
+}
+
+impl People {
+    fn new(snapshot: &Snapshot) -> Self {
+        let (people, exclusions) = (&snapshot.people, &snapshot.exclusions);
+        let excluded = exclusions.iter().map(|(_, n)| n).sum();
+        Self {
+            started: people.started,
+            completed: people.completed,
+            declined: people.declined,
+            withdrawn: people.withdrawn,
+            analysed: people.analysed(),
+            excluded,
+            exclusions: exclusions
+                .iter()
+                .map(|&(flag, n)| ExclusionRow { flag, n })
+                .collect(),
+            exclusions_text: match excluded {
+                0 => "nobody left out".to_owned(),
+                _ => format!("{excluded} left out: {}", exclusions_in_words(exclusions)),
+            },
         }
     }
 }

@@ -58,6 +58,10 @@ pub(super) async fn show(
         counts: vec![
             ("Started", count(people.started)),
             ("Completed", count(people.completed)),
+            (
+                "Completed, and left out of the analysis",
+                count(people.excluded_completed),
+            ),
             ("Withdrawn and erased", count(people.withdrawn)),
         ],
         forms: forms(&served, is_blind),
@@ -178,6 +182,7 @@ async fn facts(
         timed_out: people.timed_out,
         withdrawn: people.withdrawn,
         unfinished: people.under_way(),
+        excluded: store.exclusions(id, population, set).await?,
         genders,
         ages,
         median_ms: store.median_duration_ms(id, population).await?,

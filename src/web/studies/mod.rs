@@ -3,6 +3,7 @@
 //! What people chose is not here but under `/results`.
 
 mod data;
+mod exclusion;
 mod links;
 mod list;
 mod overview;
@@ -45,6 +46,10 @@ pub(super) fn router() -> Router<AppState> {
         .route(
             "/studies/{study}/participants/{run}/erase",
             get(participants::ask_erase).post(participants::erase),
+        )
+        .route(
+            "/studies/{study}/participants/{run}/exclusion",
+            get(exclusion::ask).post(exclusion::set),
         )
         .route("/studies/{study}/links", get(links::show))
         .route("/studies/{study}/data", get(data::show))

@@ -20,12 +20,15 @@ use super::{
     Head, Parts, current, words,
 };
 use crate::{
-    store::{Flag, ParticipantFilter, RunId, RunState, WatchedParticipant},
-    study::StudyId,
+    store::{ParticipantFilter, RunId, RunState, WatchedParticipant},
+    study::{Flag, StudyId},
 };
 
 /// Participants on one page.
 const PAGE: u32 = 50;
+
+/// Stands among the flags for everybody who is left out of the analysis.
+const LEFT_OUT: &str = "left-out";
 
 const STATES: [RunState; 7] = [
     RunState::Active,
@@ -68,6 +71,9 @@ struct Line {
     duration: String,
     answered: String,
     flags: Vec<&'static str>,
+    /// Why they are left out of the analysis; empty where they are not.
+    excluded: String,
+    has_answers: bool,
     is_withdrawn: bool,
 }
 
@@ -103,18 +109,18 @@ impl ParticipantsQuery {
             })?),
         };
         let flag = match self.flag.as_str() {
-            "" => None,
-            text => {
-                let found = Flag::ALL.into_iter().find(|flag| flag.as_str() == text);
-                Some(found.ok_or_else(|| {
-                    let allowed = Flag::ALL.map(Flag::as_str).join(", ");
-                    Error::BadRequest(format!("flag `{text}` does not exist; allowed: {allowed}"))
-                })?)
-            }
+            "" | LEFT_OUT => None,
+            text => Some(Flag::named(text).ok_or_else(|| {
+                let allowed = Flag::ALL.map(Flag::as_str).join(", ");
+                Error::BadRequest(format!(
+                    "flag `{text}` does not exist; allowed: {allowed}, {LEFT_OUT}"
+                ))
+            })?),
         };
         Ok(ParticipantFilter {
             state,
             flag,
+            is_excluded: self.flag == LEFT_OUT,
             source: Some(self.source.clone()).filter(|source| !source.is_empty()),
         })
     }
@@ -164,12 +170,16 @@ pub(super) async fn show(
         flags: Flag::ALL
             .iter()
             .map(|flag| choice(flag.as_str(), words::flag(*flag), &query.flag))
+            .chain([choice(LEFT_OUT, "left out of the analysis", &query.flag)])
             .collect(),
         sources: sources
             .iter()
             .map(|source| choice(source, source, &query.source))
             .collect(),
-        is_filtered: filter.state.is_some() || filter.flag.is_some() || filter.source.is_some(),
+        is_filtered: filter.state.is_some()
+            || filter.flag.is_some()
+            || filter.source.is_some()
+            || filter.is_excluded,
         has_conditions: !served.conditions().is_empty(),
         rows: rows.into_iter().map(|row| Line::new(row, now.0)).collect(),
         older,
@@ -226,6 +236,8 @@ impl Line {
                 format!("{} of {}", row.answered, row.steps)
             },
             flags: row.flags.into_iter().map(words::flag).collect(),
+            excluded: row.excluded.unwrap_or_default(),
+            has_answers: !is_withdrawn && row.state != RunState::Declined,
             is_withdrawn,
         }
     }

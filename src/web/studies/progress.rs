@@ -84,14 +84,7 @@ impl Progress {
             state: words::study_state(state),
             admission: admission(store, study, state, &people),
             completed: count(people.completed),
-            completed_note: match quota {
-                Some(quota) => format!(
-                    "of {}; {} under way",
-                    count(quota),
-                    count(people.under_way())
-                ),
-                None => format!("no quota; {} under way", count(people.under_way())),
-            },
+            completed_note: completed_note(quota, &people),
             median: words::duration_or_none(median),
             median_note: format!(
                 "median of completed runs; the study says {} min",
@@ -114,6 +107,18 @@ impl Progress {
             places,
         })
     }
+}
+
+fn completed_note(quota: Option<u64>, people: &Totals) -> String {
+    let of = quota.map_or_else(
+        || "no quota".to_owned(),
+        |quota| format!("of {}", count(quota)),
+    );
+    let excluded = match people.excluded_completed {
+        0 => String::new(),
+        n => format!("; {} left out of the analysis", count(n)),
+    };
+    format!("{of}; {} under way{excluded}", count(people.under_way()))
 }
 
 fn admission(store: &Store, study: &Study, state: StudyState, people: &Totals) -> String {

@@ -4,8 +4,8 @@ use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
 use super::super::results::count;
 use crate::{
-    store::{Flag, RunState, StudyState},
-    study::Timestamp,
+    store::{RunState, StudyState},
+    study::{Flag, Timestamp},
 };
 
 /// What nothing is shown as.
