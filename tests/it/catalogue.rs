@@ -45,7 +45,7 @@ async fn a_stored_version_that_nobody_reads_any_more_stops_no_other_study() {
     for (id, text) in [("three-gambles", "format = 0"), ("of-old", "no study")] {
         let hash = format!("hash of {text}");
         store
-            .publish(&StudyId::from(id), &hash, text, StudyState::Open)
+            .publish(&StudyId::from(id), &hash, text, StudyState::Open, None)
             .await
             .unwrap();
     }

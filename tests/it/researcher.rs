@@ -3,8 +3,8 @@
 use reqwest::StatusCode;
 use riskaware::{
     clock::Clock,
-    store::{Flag, ParticipantFilter, Population, RunState, StudyState, WatchedParticipant},
-    study::StudyId,
+    store::{ParticipantFilter, Population, RunState, StudyState, WatchedParticipant},
+    study::{Flag, StudyId},
     web::Settings,
 };
 

@@ -4,6 +4,7 @@ mod checks;
 mod commit;
 mod copies;
 mod evidence;
+mod exclusions;
 mod fits;
 mod lab;
 mod opening;

@@ -1,8 +1,8 @@
 //! Whatever happens in whatever order, counters and answers are what the events make of them.
 
 use proptest::prelude::*;
-use riskaware::store::{Error, NewRun, Population};
-use riskaware::study::{Reply, TimeFactor};
+use riskaware::store::{Error, ExclusionReason, NewRun, Population, StudyState};
+use riskaware::study::{ExclusionRule, Flag, Reply, StudyId, TimeFactor};
 use sqlx::Connection;
 use sqlx::sqlite::SqliteConnection;
 
@@ -32,6 +32,11 @@ enum Deed {
     Withdraw {
         person: usize,
     },
+    /// Left out of the analysis, or taken in again.
+    Exclude {
+        person: usize,
+        is_out: bool,
+    },
     Restart,
 }
 
@@ -47,6 +52,7 @@ fn deeds() -> impl Strategy<Value = Vec<Deed>> {
             .prop_map(|millis| Deed::Wait { millis }),
         3 => Just(Deed::Sweep),
         1 => (0..6_usize).prop_map(|person| Deed::Withdraw { person }),
+        3 => (0..6_usize, any::<bool>()).prop_map(|(person, is_out)| Deed::Exclude { person, is_out }),
         1 => Just(Deed::Restart),
     ];
     proptest::collection::vec(deed, 40..120)
@@ -127,6 +133,31 @@ async fn act(lab: &mut Lab, people: &mut Vec<Person>, number: usize, deed: &Deed
                 lab.store.withdraw(&person.link).await.unwrap();
             }
         }
+        Deed::Exclude { person, is_out } => {
+            if let Some(person) = people.get(person % people.len().max(1)) {
+                let (mut done, run) = (Err(Error::NotFound("participant")), person.run);
+                // Whatever study they take, as person or simulated.
+                for study in ["driving", "cups"].map(StudyId::from) {
+                    for population in [Population::People, Population::Simulated] {
+                        let found = if *is_out {
+                            let reason = ExclusionReason::new("talked").unwrap();
+                            let actor = "ada".to_owned();
+                            let store = &lab.store;
+                            store.exclude(&study, population, run, reason, actor).await
+                        } else {
+                            lab.store.include(&study, population, run).await
+                        };
+                        if !matches!(found, Err(Error::NotFound(_))) {
+                            done = found;
+                        }
+                    }
+                }
+                assert!(
+                    matches!(done, Ok(()) | Err(Error::Refused(_) | Error::NotFound(_))),
+                    "{done:?}"
+                );
+            }
+        }
         Deed::Restart => lab.restart().await,
     }
 }
@@ -140,6 +171,9 @@ proptest! {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let mut lab = Lab::open().await;
+            let rule = ExclusionRule { flags: vec![Flag::LateAnswer], checks: vec![] };
+            let cups = StudyId::from("cups");
+            lab.cups = lab.store.publish(&cups, "with a rule", "id = 'cups'", StudyState::Open, Some(&rule)).await.unwrap();
             let mut people = Vec::new();
             for (number, deed) in deeds.iter().enumerate() {
                 act(&mut lab, &mut people, number, deed).await;

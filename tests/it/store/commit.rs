@@ -151,7 +151,7 @@ async fn a_full_queue_says_busy_and_what_was_accepted_is_stored() {
     let store = Store::open(options, Clock::start()).await.unwrap();
     let driving = StudyId::from("driving");
     store
-        .publish(&driving, "hash", "text", StudyState::Open)
+        .publish(&driving, "hash", "text", StudyState::Open, None)
         .await
         .unwrap();
     let mut rng = <rand_chacha::ChaCha12Rng as rand::SeedableRng>::seed_from_u64(1);

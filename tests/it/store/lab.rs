@@ -60,6 +60,7 @@ impl Lab {
                 "hash of driving",
                 "id = 'driving'",
                 StudyState::Open,
+                None,
             )
             .await
             .unwrap();
@@ -69,6 +70,7 @@ impl Lab {
                 "hash of cups",
                 "id = 'cups'",
                 StudyState::Open,
+                None,
             )
             .await
             .unwrap();

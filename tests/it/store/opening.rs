@@ -121,6 +121,7 @@ async fn publishing_the_same_text_again_changes_nothing() {
             "hash of driving",
             "id = 'driving'",
             StudyState::Open,
+            None,
         )
         .await
         .unwrap();
@@ -133,6 +134,7 @@ async fn publishing_the_same_text_again_changes_nothing() {
             "another hash",
             "id = 'driving' # changed",
             StudyState::Open,
+            None,
         )
         .await
         .unwrap();
@@ -165,6 +167,7 @@ async fn publishing_the_same_text_again_changes_nothing() {
             "hash of driving",
             "id = 'driving'",
             StudyState::Open,
+            None,
         )
         .await
         .unwrap();

@@ -87,7 +87,13 @@ async fn a_built_in_study_is_stored_as_it_was_drawn() {
     let study = &Study::parse(name, text).unwrap();
     let version = lab
         .store
-        .publish(study.id(), study.hash(), study.text(), StudyState::Open)
+        .publish(
+            study.id(),
+            study.hash(),
+            study.text(),
+            StudyState::Open,
+            None,
+        )
         .await
         .unwrap();
     let candidates = draw_run(study, &mut lab.rng).unwrap();

@@ -47,6 +47,26 @@ fn an_error_reads_as_one_sentence() {
 }
 
 #[test]
+fn only_flags_that_a_run_tells_by_itself_leave_people_out() {
+    for name in ["short-run", "several-arrivals", "bored"] {
+        check(
+            "[completion]",
+            &format!("[analysis]\nexclude = [\"late-answer\", \"{name}\"]\n[completion]"),
+            "analysis.exclude[#2]",
+            name,
+            "`fast-choice`, `hidden-page`, `failed-check`, `late-answer`",
+        );
+    }
+    check(
+        "[completion]",
+        "[analysis]\nexclude = [\"late-answer\", \"late-answer\"]\n[completion]",
+        "analysis.exclude[#2]",
+        "late-answer",
+        "each flag once",
+    );
+}
+
+#[test]
 fn lines_are_those_of_the_key() {
     check_line("limit_s = 2.5", "limit_s = 0", "limit_s = 0");
     check_line("limit_s = 2.5", "limit = 2.5", "limit = 2.5");
