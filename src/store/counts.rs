@@ -104,6 +104,34 @@ impl CellCount {
     }
 }
 
+#[derive(sqlx::FromRow)]
+struct CellRow {
+    id: ProblemId,
+    cell: String,
+    hash: String,
+    #[sqlx(try_from = "String")]
+    status: AnswerStatus,
+    action: String,
+    n_before_exclusions: i64,
+    n_all: i64,
+    n_completed: i64,
+}
+
+impl From<CellRow> for CellCount {
+    fn from(row: CellRow) -> Self {
+        Self {
+            problem: row.id,
+            cell: row.cell,
+            hash: row.hash,
+            status: row.status,
+            action: (!row.action.is_empty()).then(|| ActionId::from(row.action)),
+            n_before_exclusions: count(row.n_before_exclusions),
+            n_all: count(row.n_all),
+            n_completed: count(row.n_completed),
+        }
+    }
+}
+
 /// A pattern of choices, and how many people have exactly it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
@@ -159,16 +187,16 @@ impl Store {
         study: &StudyId,
         population: Population,
     ) -> Result<Vec<CellCount>, Error> {
-        let rows: Vec<(ProblemId, String, String, String, String, i64, i64, i64)> = sqlx::query_as(
+        let rows: Vec<CellRow> = sqlx::query_as(
             r#"
             select
-                problem.id, problem.cell, problem.hash, counter.status, counter.action, n_all, n_all - excluded_all,
-                n_completed - excluded_completed
+                problem.id, problem.cell, problem.hash, counter.status, counter.action, n_all as n_before_exclusions,
+                n_all - excluded_all as n_all, n_completed - excluded_completed as n_completed
             from counter
             join problem on problem.id = counter.problem_id
             where counter.study_id = ? and counter.is_simulated = ?
             -- withdrawals leave zeros behind
-            and n_all > 0
+            and counter.n_all > 0
             order by problem.id, counter.status, counter.action
             "#,
         )
@@ -176,24 +204,7 @@ impl Store {
         .bind(population.is_simulated())
         .fetch_all(&self.pool)
         .await?;
-        rows.into_iter()
-            .map(
-                |(problem, cell, hash, status, action, n_before, n_all, n_completed)| {
-                    Ok(CellCount {
-                        problem,
-                        cell,
-                        hash,
-                        status: status
-                            .parse()
-                            .map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
-                        action: (!action.is_empty()).then(|| ActionId::from(action)),
-                        n_before_exclusions: count(n_before),
-                        n_all: count(n_all),
-                        n_completed: count(n_completed),
-                    })
-                },
-            )
-            .collect()
+        Ok(rows.into_iter().map(CellCount::from).collect())
     }
 
     /// The distinct patterns of what people chose in the given problems. Reads every answer to them: for the
