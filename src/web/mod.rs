@@ -156,6 +156,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
                 ))
                 .layer(CompressionLayer::new())
                 .layer(middleware::from_fn(problem::complete))
+                .layer(middleware::from_fn(participant::tell))
                 .layer(CsrfLayer::new().with_rejection_response(access::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),

@@ -65,7 +65,7 @@ async function logIn(page) {
 test("before an account exists the pages are open on this machine", async () => {
   const page = await open(browser, { viewport: phone });
   await page.goto(server.url);
-  await page.getByRole("link", { name: "For researchers" }).click();
+  await page.getByRole("link", { name: "Run the studies" }).click();
   await page.getByRole("link", { name: /driv|yellow/i }).first().waitFor();
   for (const end of ["", "/sources", "/participants", "/links", "/preview", "/data"]) {
     const response = await page.goto(`${server.url}/studies/yellow${end}`);

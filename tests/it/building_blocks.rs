@@ -294,6 +294,24 @@ async fn sending_the_same_wrong_form_twice_is_one_attempt() {
 }
 
 #[tokio::test]
+async fn a_wrong_attempt_keeps_what_was_answered_and_tells_no_answer_apart() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &WRONG).await;
+    for _ in 0..2 {
+        let page = &person.page;
+        assert!(page.text(".error-summary").unwrap().contains("again"));
+        let ticked = page.attributes("input[checked]", "value");
+        assert_eq!(ticked, ["red", "y"], "right ones and wrong ones alike");
+        assert_eq!(page.texts(".field__error"), Vec::<String>::new());
+        person.reloads().await;
+    }
+    fills(&mut person, &RIGHT).await;
+    assert_eq!(person.page.text("h1").as_deref(), Some("Choose"));
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
 async fn a_form_that_is_sent_back_keeps_what_was_typed() {
     let app = app().await;
     let mut person = at_check(&app).await;
@@ -375,7 +393,12 @@ async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it(
         sure.page.text(".bonus__amount").as_deref(),
         Some("GBP 1.05")
     );
-    assert!(sure.page.text(".bonus").unwrap().contains("Choose"));
+    let told = sure.page.text(".bonus").unwrap();
+    assert!(told.contains("Choose"), "{told}");
+    assert!(
+        told.contains("GBP 1.00 + GBP 0.01 × 5 = GBP 1.05"),
+        "{told}"
+    );
     let drawn_then = bonuses(&app).await;
     assert_eq!(drawn_then.len(), 2);
     let drawn = drawn_then[1].choice.clone().unwrap();

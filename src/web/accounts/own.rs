@@ -19,6 +19,7 @@ use super::{
         assets,
         results::rfc3339,
     },
+    DIFFERENT,
     bar::{Bar, Who},
     hashed, open_session, signed_in,
 };
@@ -86,6 +87,8 @@ struct PasswordPage {
 pub(super) struct PasswordForm {
     current: String,
     new: String,
+    /// The new one once more.
+    again: String,
 }
 
 /// The page of an account, with a token that was just made, or with what was wrong.
@@ -184,6 +187,9 @@ pub(super) async fn set_password(
         Ok(password) => password,
         Err(error) => return again(&store, &account, format!("{error}")).await,
     };
+    if form.again != form.new {
+        return again(&store, &account, DIFFERENT.to_owned()).await;
+    }
     if form.new == form.current {
         return again(
             &store,

@@ -176,6 +176,8 @@ pub(super) struct ReplayView {
     pub url: String,
     /// What happens in it, for a page without scripts and for the transcript.
     pub description: String,
+    /// The lines under the picture, as JSON.
+    pub captions: String,
 }
 
 #[derive(Template, WebTemplate)]
@@ -384,18 +386,11 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// The site that the page's form is sent to, if it has one.
-    pub(super) fn submits_to(&self) -> Option<String> {
+    /// Whether the page has a form that is sent to MTurk.
+    pub(super) fn is_submitted(&self) -> bool {
         match self {
-            Self::Finished {
-                way_back: Some(WayBack::Submit(submit)),
-                ..
-            } => Some(submit.site.clone()),
-            Self::Finished {
-                way_back: Some(WayBack::Link(_)) | None,
-                ..
-            }
-            | Self::AlreadyTaken => None,
+            Self::Finished { way_back, .. } => matches!(way_back, Some(WayBack::Submit(_))),
+            Self::AlreadyTaken => false,
         }
     }
 }
@@ -434,6 +429,8 @@ pub(super) struct PaidChoiceText {
     pub action: String,
     /// The reward that came out, with its unit.
     pub reward: String,
+    /// How the amount follows from it.
+    pub sum: String,
 }
 
 #[derive(Template, WebTemplate)]

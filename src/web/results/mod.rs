@@ -45,7 +45,7 @@ pub(super) use self::{
 };
 use super::{
     ApiError, AppState, Error, Settings,
-    access::{Caller, Need},
+    access::{Caller, Need, Standing},
     accounts::Bar,
     events,
 };
@@ -276,11 +276,17 @@ async fn accuracy(
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
     State(stop): State<CancellationToken>,
+    Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    Ok(
-        events::stream(store, &catalogue, settings.population, study, stop)
-            .await?
-            .into_response(),
+    Ok(events::stream(
+        store,
+        &catalogue,
+        settings.population,
+        study,
+        standing,
+        stop,
     )
+    .await?
+    .into_response())
 }
