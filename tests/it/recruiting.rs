@@ -9,7 +9,10 @@ use riskaware::{
     study::{Study, StudyId},
 };
 
-use crate::app::{App, Page, Participant, START};
+use crate::{
+    app::{App, Page, Participant, START},
+    program::{riskaware, stderr},
+};
 
 const STUDY: &str = include_str!("../data/recruited.toml");
 const PROLIFIC: &str = "https://app.prolific.com/submissions/complete?cc=";
@@ -183,6 +186,34 @@ fn the_examples_of_the_document_parse() {
         examples += 1;
     }
     assert!(examples > 2, "{examples} examples");
+}
+
+/// What somebody gets who follows the document with the file of `study new`: the example of `[completion]` in place of the
+/// one that is there, the one of `[recruiting]` at the end.
+#[test]
+fn the_first_steps_of_the_document_make_a_study() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("umbrella.toml");
+    let made = riskaware(&["study", "new", path.to_str().unwrap()], "");
+    assert!(made.status.success(), "{}", stderr(&made));
+    let starter = std::fs::read_to_string(&path).unwrap();
+
+    let document = include_str!("../../docs/RECRUITING.md");
+    let mut examples = document.split("```toml\n").skip(1);
+    let mut example = || {
+        let (example, _) = examples.next().unwrap().split_once("```").unwrap();
+        example.to_owned()
+    };
+    let (completion, recruiting) = (example(), example());
+    assert!(
+        completion.trim().starts_with("[completion]"),
+        "{completion}"
+    );
+    let (before, rest) = starter.split_once("[completion]\n").unwrap();
+    let (_, after) = rest.split_once("\n\n").unwrap();
+    let text = format!("{before}{completion}\n{after}\n{recruiting}");
+    let study = Study::parse("umbrella.toml", &text).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(study.recruiting().quota, Some(120));
 }
 
 #[tokio::test]
