@@ -248,7 +248,7 @@ impl IntoResponse for ApiError {
 }
 
 /// Messages are written lower case and without a full stop; a page shows a sentence.
-fn sentence(message: &str) -> String {
+pub(super) fn sentence(message: &str) -> String {
     let mut letters = message.chars();
     letters.next().map_or_else(String::new, |first| {
         format!("{}{}.", first.to_uppercase(), letters.as_str())

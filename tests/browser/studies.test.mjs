@@ -57,7 +57,7 @@ async function logIn(page) {
   await page.goto(`${server.url}/studies`);
   assert.match(page.url(), /\/login\?next=/);
   await page.getByLabel("Name").fill("ada");
-  await page.getByLabel("Password").fill(password);
+  await page.getByLabel("Password", { exact: true }).fill(password);
   await page.getByRole("button", { name: "Log in" }).click();
   await page.waitForURL(`${server.url}/studies`);
 }
@@ -81,7 +81,8 @@ test("a draft is opened, taken, paused, and its run erased", { timeout: 240_000 
   page.setDefaultTimeout(10_000);
   await page.goto(server.setupLink);
   await page.getByLabel("Name").fill("ada");
-  await page.getByLabel("Password").fill(password);
+  await page.getByLabel("Password", { exact: true }).fill(password);
+  await page.getByLabel("Password once more").fill(password);
   await page.getByRole("button", { name: "Make the account" }).click();
   await page.getByRole("heading", { name: "Your account" }).waitFor();
 

@@ -393,7 +393,7 @@ async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it(
         sure.page.text(".bonus__amount").as_deref(),
         Some("GBP 1.05")
     );
-    let told = sure.page.text(".bonus").unwrap();
+    let told = sure.page.text(".bonus").unwrap().replace('\u{a0}', " ");
     assert!(told.contains("Choose"), "{told}");
     assert!(
         told.contains("GBP 1.00 + GBP 0.01 × 5 = GBP 1.05"),

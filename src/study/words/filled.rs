@@ -100,11 +100,12 @@ impl Words {
 
     /// How an amount follows from what is paid at first, the rate and the reward, each with its unit.
     pub(crate) fn bonus_sum(&self, bonus: &Bonus, reward: f64, unit: &RewardUnit) -> String {
-        let (endowment, rate) = (
-            bonus.format(bonus.endowment),
-            format!("{} {}", bonus.currency, bonus.rate),
-        );
-        let (reward_shown, amount) = (unit.format(reward), bonus.format(bonus.amount(reward)));
+        // No line ends between an amount and its currency or unit.
+        let whole = |amount: String| amount.replace(' ', "\u{a0}");
+        let endowment = whole(bonus.format(bonus.endowment));
+        let rate = whole(format!("{} {}", bonus.currency, bonus.rate));
+        let reward_shown = whole(unit.format(reward));
+        let amount = whole(bonus.format(bonus.amount(reward)));
         let values: [(&str, &dyn Display); 4] = [
             ("endowment", &endowment),
             ("rate", &rate),
@@ -163,6 +164,15 @@ impl Words {
 
     pub(crate) fn error_often_text(&self, seconds: u64) -> String {
         fill(&self.error_often_text, &[("seconds", &seconds)])
+    }
+
+    /// Title and description of a drawn scene, where it has some.
+    pub(crate) fn of_scene(&self, id: &str) -> Option<(&str, &str)> {
+        match id {
+            "crossing" => Some((&self.scene_crossing_title, &self.scene_crossing_description)),
+            "table" => Some((&self.scene_table_title, &self.scene_table_description)),
+            _ => None,
+        }
     }
 
     pub(crate) fn replay_puts(&self, who: &str, what: &str, placed: usize, of: usize) -> String {

@@ -17,6 +17,7 @@ use super::{
         Error, Settings,
         access::{self, Caller, ClientAddress, Limits, Need},
         assets,
+        error::sentence,
         results::rfc3339,
     },
     DIFFERENT,
@@ -206,7 +207,7 @@ pub(super) async fn set_password(
 }
 
 async fn again(store: &Store, account: &Account, error: String) -> Result<Response, Error> {
-    let page = password_page(store, account, Some(error)).await?;
+    let page = password_page(store, account, Some(sentence(&error))).await?;
     Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response())
 }
 

@@ -16,6 +16,7 @@ use super::{
         Error, Settings,
         access::{self, Caller},
         assets,
+        error::sentence,
     },
     DIFFERENT,
     bar::{Bar, Who},
@@ -109,7 +110,7 @@ pub(super) async fn make(
 }
 
 fn again(token: Token, name: String, error: &dyn std::fmt::Display) -> Response {
-    let page = SetupPage::new(token, name, Some(error.to_string()));
+    let page = SetupPage::new(token, name, Some(sentence(&error.to_string())));
     (StatusCode::UNPROCESSABLE_ENTITY, page).into_response()
 }
 

@@ -11,7 +11,10 @@ use crate::{
     },
     web::assets,
 };
-use askama::Template;
+use askama::{
+    Template,
+    filters::{Html, escape},
+};
 use askama_web::WebTemplate;
 
 /// What every step's page needs to know of its run.
@@ -155,7 +158,7 @@ impl ConsentPage<'_> {
 pub(super) struct InfoPage<'a> {
     pub run: RunLink<'a>,
     pub text: InfoStep<'a>,
-    pub scene: Option<&'static str>,
+    pub scene: Option<String>,
 }
 
 #[derive(Template, WebTemplate)]
@@ -165,6 +168,7 @@ pub(super) struct ReplaysPage<'a> {
     pub text: ReplaysStep<'a>,
     /// In the order of this run.
     pub replays: Vec<ReplayView>,
+    pub scene: Option<String>,
     /// How long they last together: nobody goes on before.
     pub seconds: u64,
     pub errors: Vec<FieldError>,
@@ -185,7 +189,7 @@ pub(super) struct ReplayView {
 pub(super) struct ChoicePage<'a> {
     pub run: RunLink<'a>,
     pub question: ChoiceStep<'a>,
-    pub scene: Option<&'static str>,
+    pub scene: Option<String>,
     pub clock: Option<PageClock>,
     pub errors: Vec<FieldError>,
 }
@@ -450,7 +454,34 @@ pub(super) struct WithdrawPage {
     pub has_ended: bool,
 }
 
-/// A drawn scene, to stand inside the page.
-pub(super) fn scene(id: Option<&str>) -> Option<&'static str> {
-    assets::text(&format!("scenes/{}.svg", id?))
+/// A drawn scene, to stand inside the page, told in the page's language to whoever does not see it.
+pub(super) fn scene(id: Option<&str>, words: &Words) -> Option<String> {
+    let id = id?;
+    let drawing = assets::text(&format!("scenes/{id}.svg"))?;
+    let (title, description) = words.of_scene(id).unwrap_or_default();
+    let escaped = |text: &str| match escape(text, Html) {
+        Ok(text) => text.to_string(),
+        Err(never) => match never {},
+    };
+    let drawing = drawing.replace("{title}", &escaped(title));
+    Some(drawing.replace("{description}", &escaped(description)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scene_is_told_in_words() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/static/scenes");
+        for file in std::fs::read_dir(folder).unwrap() {
+            let path = file.unwrap().path();
+            let id = path.file_stem().unwrap().to_str().unwrap();
+            let words = Words::of_languages(["de"]);
+            let (title, description) = words.of_scene(id).expect(id);
+            let drawn = scene(Some(id), &words).expect(id);
+            assert!(drawn.contains(&format!(">{title}</title>")), "{id}");
+            assert!(drawn.contains(&format!(">{description}</desc>")), "{id}");
+        }
+    }
 }

@@ -321,12 +321,13 @@ impl RunPages {
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
                 run: self.link(token, run, shown, words),
-                scene: scene(text.scene),
+                scene: scene(text.scene, words),
                 text,
             }
             .into_response()),
             (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
                 run: self.link(token, run, shown, words),
+                scene: scene(Some("table"), words),
                 replays: self.replay_views(&text, words).await?,
                 seconds: self.lasts_ms(&text).await?.div_ceil(1000),
                 text,
@@ -335,7 +336,7 @@ impl RunPages {
             .into_response()),
             (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {
                 run: self.link(token, run, shown, words),
-                scene: scene(question.scene),
+                scene: scene(question.scene, words),
                 clock: PageClock::of(shown, self.store.clock().now()),
                 question,
                 errors: rejected.errors,
