@@ -41,7 +41,7 @@ async fn the_setup_link_makes_one_admin_and_then_opens_nothing() {
     assert_eq!(page.status, 422);
     let told = page.text(".error-summary").unwrap();
     assert!(
-        told.contains("the two passwords are not the same"),
+        told.contains("The two passwords are not the same"),
         "{told}"
     );
     assert_eq!(page.field("name"), "ada");
@@ -107,7 +107,7 @@ async fn an_invited_account_chooses_its_own_password_first() {
     assert_eq!(page.status, 422);
     let told = page.text(".error-summary").unwrap();
     assert!(
-        told.contains("the two passwords are not the same"),
+        told.contains("The two passwords are not the same"),
         "{told}"
     );
     assert_eq!(
