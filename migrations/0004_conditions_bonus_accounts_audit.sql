@@ -19,6 +19,16 @@ from study;
 drop table study;
 alter table study_in_any_state rename to study;
 
+-- Which of its study's versions it is, from 1: ids count the versions of all studies.
+alter table study_version add column number integer not null default 0;
+update study_version
+set number = (
+    select count(*)
+    from study_version as earlier
+    where earlier.study_id = study_version.study_id and earlier.id <= study_version.id
+);
+create unique index study_version_number on study_version (study_id, number);
+
 alter table population add column screened_out integer not null default 0 check (screened_out >= 0);
 alter table population add column failed_check integer not null default 0 check (failed_check >= 0);
 alter table population add column timed_out integer not null default 0 check (timed_out >= 0);

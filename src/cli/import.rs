@@ -57,8 +57,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         .await
         .with_context(|| format!("study {study} in {}", database.display()))?
         .version;
-    let text = store.study_version(version).await?.text;
-    let parsed = Study::parse(&format!("version {version} of {study}"), &text)?;
+    let stored = store.study_version(version).await?;
+    let name = format!("version {} of {study}", stored.number);
+    let parsed = Study::parse(&name, &stored.text)?;
     let mapping = match &map {
         None => Mapping::default(),
         Some(path) => {

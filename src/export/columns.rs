@@ -220,7 +220,7 @@ pub(super) fn version_column(export: &Export) -> Column {
         .iter()
         .map(|version| {
             Level::new(
-                version.id.to_string(),
+                version.number.to_string(),
                 format!("study file with SHA-256 {}", version.hash),
             )
         })

@@ -60,7 +60,7 @@ impl<'a> Answer<'a> {
             .unwrap_or_default();
         Self {
             study: study.id().as_str(),
-            version: row.version.get(),
+            version: row.version_number.get(),
             participant: row.key.run.get(),
             run_state: row.run_state,
             block: row.block.as_str(),

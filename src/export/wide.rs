@@ -134,7 +134,7 @@ impl<'a> Row<'a> {
         let words = |words: Option<&str>| words.map(text).unwrap_or_default();
         match &column.cell {
             WideCell::Study => text(self.export.study.id().as_str()),
-            WideCell::Version => participant.version.to_string(),
+            WideCell::Version => participant.version_number.to_string(),
             WideCell::Participant => participant.run.to_string(),
             WideCell::RunState => participant.state.to_string(),
             WideCell::Condition => words(participant.condition.as_deref()),

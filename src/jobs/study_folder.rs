@@ -308,7 +308,12 @@ async fn renew(
         .await
         .map_err(NotRenewed::Store)?;
     catalogue.note_file(&path.display().to_string(), None);
-    tracing::info!(study = %id, version = version.get(), file = %path.display(), "a study file is served in a new version");
+    let version = store
+        .study_version(version)
+        .await
+        .map_err(NotRenewed::Store)?
+        .number;
+    tracing::info!(study = %id, %version, file = %path.display(), "a study file is served in a new version");
     Ok(())
 }
 

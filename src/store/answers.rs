@@ -2,7 +2,7 @@
 
 use super::{
     AnalysisSet, AnswerStatus, Error, EventId, EventKind, Population, RunId, RunState, Store,
-    Verdict, VersionId,
+    Verdict, VersionId, VersionNumber,
 };
 use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
 
@@ -30,6 +30,8 @@ pub struct AnswerRow {
     pub key: AnswerKey,
     /// The version of the study file.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// The state of the run now.
     pub run_state: RunState,
     /// The block.
@@ -103,6 +105,7 @@ struct ExportRow {
     run_id: RunId,
     position: u32,
     version_id: VersionId,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     run_state: RunState,
     block: String,
@@ -153,12 +156,13 @@ impl Store {
         let rows: Vec<ExportRow> = sqlx::query_as(
             r#"
             select
-                answer.run_id, answer.position, run.version_id, run.state as run_state, step.block, step.question,
-                problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
+                answer.run_id, answer.position, run.version_id, study_version.number as version_number,
+                run.state as run_state, step.block, step.question, problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
                 answer.shown_at_ms, answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
                 answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
+            cross join study_version on study_version.id = run.version_id
             cross join answer on answer.run_id = run.id
             cross join step on step.run_id = answer.run_id and step.position = answer.position
             left join problem on problem.id = answer.problem_id
@@ -250,6 +254,7 @@ impl ExportRow {
                 position: self.position,
             },
             version: self.version_id,
+            version_number: self.version_number,
             run_state: self.run_state,
             block: self.block.into(),
             question: self.question.map(QuestionId::from),

@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::studies::turn_page;
-use super::{Change, Error, FitId, FitState, Population, Store, VersionId, json};
+use super::{Change, Error, FitId, FitState, Population, Store, VersionId, VersionNumber, json};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
 
 /// How many fits of one model and part are kept: each is some tens of kilobytes, and can be computed again.
@@ -73,6 +73,8 @@ pub struct Fit {
     pub data_version: i64,
     /// The version of the study file that it followed.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// The seed with which it can be repeated.
     pub seed: u64,
     /// The program that made it.
@@ -116,6 +118,7 @@ struct FitRow {
     input_hash: String,
     data_version: i64,
     version_id: VersionId,
+    version_number: VersionNumber,
     seed: i64,
     program_version: String,
     #[sqlx(try_from = "String")]
@@ -145,6 +148,7 @@ impl From<FitRow> for Fit {
             input_hash: row.input_hash,
             data_version: row.data_version,
             version: row.version_id,
+            version_number: row.version_number,
             seed: row.seed.cast_unsigned(),
             program_version: row.program_version,
             attempts: row.attempts,
@@ -170,8 +174,9 @@ impl Store {
         let rows: Vec<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id in (
                 select max(id)
@@ -220,8 +225,9 @@ impl Store {
         let rows: Vec<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id in (select value from json_each(?))
             "#,
@@ -246,8 +252,9 @@ impl Store {
         let rows: Vec<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where study_id = ?1 and is_simulated = ?2
             and (?3 is null or id < ?3)
@@ -277,8 +284,9 @@ impl Store {
         let row: Option<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id = ? and study_id = ? and is_simulated = ?
             "#,

@@ -39,6 +39,8 @@ row_ids! {
     RunId,
     /// A version of a study file.
     VersionId,
+    /// A version of a study file as people name it: counted within its study, from 1.
+    VersionNumber,
     /// A problem as it was put before people.
     ProblemId,
     /// Something that happened to a run.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId};
+use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId, VersionNumber};
 use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
 
 /// One run as an export has it.
@@ -12,6 +12,8 @@ pub struct ParticipantRow {
     pub run: RunId,
     /// The version of the study file.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// How far the run is.
     pub state: RunState,
     /// The levels of the between-subjects factors, joined by `/`; none in a study without such factors.
@@ -61,6 +63,7 @@ pub struct StepAnswer {
 struct StoredParticipant {
     id: RunId,
     version_id: VersionId,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     state: RunState,
     condition: Option<String>,
@@ -104,10 +107,11 @@ impl Store {
         let rows: Vec<StoredParticipant> = sqlx::query_as(
             r#"
             select
-                run.id, run.version_id, run.state, run.condition, run.source, run.language, run.time_factor,
-                run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
+                run.id, run.version_id, study_version.number as version_number, run.state, run.condition, run.source,
+                run.language, run.time_factor, run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
                 bonus.amount as bonus
             from run
+            join study_version on study_version.id = run.version_id
             left join bonus on bonus.run_id = run.id
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
             and run.id > ?
@@ -170,6 +174,7 @@ impl StoredParticipant {
         Ok(ParticipantRow {
             run: self.id,
             version: self.version_id,
+            version_number: self.version_number,
             state: self.state,
             condition: self.condition,
             source: self.source,
