@@ -66,6 +66,9 @@ create table run_in_any_state (
     is_simulated integer not null check (is_simulated in (0, 1)),
     is_preview integer not null check (is_preview in (0, 1)),
     time_factor real not null check (time_factor >= 1),
+    -- Whether it is known when things happened. An import may bring answers without times: then all moments are that of the
+    -- import, from which how long a question took is counted back.
+    has_times integer not null default 1 check (has_times in (0, 1)),
     started_at_ms integer not null,
     -- When an unfinished run gives its place back. Empty where the study sets no end.
     expires_at_ms integer,

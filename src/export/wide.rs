@@ -148,12 +148,13 @@ impl<'a> Row<'a> {
             {
                 String::new()
             }
-            WideCell::StartedAt => participant.started_at.0.to_string(),
+            WideCell::StartedAt => number(participant.started_at.map(|at| at.0)),
             WideCell::FinishedAt => number(participant.finished_at.map(|at| at.0)),
             WideCell::Duration => number(
                 participant
                     .finished_at
-                    .map(|at| at.millis_since(participant.started_at)),
+                    .zip(participant.started_at)
+                    .map(|(end, start)| end.millis_since(start)),
             ),
             WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Platform => words(participant.platform.as_deref()),

@@ -52,8 +52,8 @@ pub struct AnswerRow {
     pub is_practice: bool,
     /// When the question was first shown.
     pub shown_at: Option<Timestamp>,
-    /// When it was answered or closed.
-    pub answered_at: Timestamp,
+    /// When it was answered or closed; none where an import did not tell.
+    pub answered_at: Option<Timestamp>,
     /// Milliseconds between the two on the server's clock.
     pub server_ms: Option<u64>,
     /// The response time that the page measured.
@@ -118,7 +118,7 @@ struct ExportRow {
     is_fitted: bool,
     is_practice: bool,
     shown_at_ms: Option<i64>,
-    answered_at_ms: i64,
+    answered_at_ms: Option<i64>,
     server_ms: Option<i64>,
     client_rt_ms: Option<i64>,
     limit_ms: Option<i64>,
@@ -158,8 +158,9 @@ impl Store {
             select
                 answer.run_id, answer.position, run.version_id, study_version.number as version_number,
                 run.state as run_state, step.block, step.question, problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
-                answer.shown_at_ms, answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
-                answer.input, answer.hidden_ms, run.source
+                iif(run.has_times, answer.shown_at_ms, null) as shown_at_ms,
+                iif(run.has_times, answer.answered_at_ms, null) as answered_at_ms,
+                answer.server_ms, answer.client_rt_ms, answer.limit_ms, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
             cross join study_version on study_version.id = run.version_id
@@ -265,7 +266,7 @@ impl ExportRow {
             is_fitted: self.is_fitted,
             is_practice: self.is_practice,
             shown_at: self.shown_at_ms.map(Timestamp),
-            answered_at: Timestamp(self.answered_at_ms),
+            answered_at: self.answered_at_ms.map(Timestamp),
             server_ms: millis(self.server_ms),
             client_rt_ms: millis(self.client_rt_ms),
             limit_ms: millis(self.limit_ms),

@@ -24,9 +24,9 @@ pub struct ParticipantRow {
     pub language: Option<String>,
     /// Extra time for timed questions: 1 is the usual time.
     pub time_factor: f64,
-    /// When the run began.
-    pub started_at: Timestamp,
-    /// When it ended.
+    /// When the run began; none where an import did not tell.
+    pub started_at: Option<Timestamp>,
+    /// When it ended, if it has and that is known.
     pub finished_at: Option<Timestamp>,
     /// The recruiting platform, if the link named one.
     pub platform: Option<String>,
@@ -70,7 +70,7 @@ struct StoredParticipant {
     source: Option<String>,
     language: Option<String>,
     time_factor: f64,
-    started_at_ms: i64,
+    started_at_ms: Option<i64>,
     finished_at_ms: Option<i64>,
     platform: Option<String>,
     platform_key: Option<String>,
@@ -108,7 +108,9 @@ impl Store {
             r#"
             select
                 run.id, run.version_id, study_version.number as version_number, run.state, run.condition, run.source,
-                run.language, run.time_factor, run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
+                run.language, run.time_factor, run.platform, run.platform_key, run.recruiting,
+                iif(run.has_times, run.started_at_ms, null) as started_at_ms,
+                iif(run.has_times, run.finished_at_ms, null) as finished_at_ms,
                 bonus.amount as bonus
             from run
             join study_version on study_version.id = run.version_id
@@ -180,7 +182,7 @@ impl StoredParticipant {
             source: self.source,
             language: self.language,
             time_factor: self.time_factor,
-            started_at: Timestamp(self.started_at_ms),
+            started_at: self.started_at_ms.map(Timestamp),
             finished_at: self.finished_at_ms.map(Timestamp),
             platform: self.platform,
             platform_key: self.platform_key,

@@ -230,6 +230,13 @@ impl Study {
         &self.conditions
     }
 
+    /// The condition whose people meet a cell; none in a study without conditions.
+    pub fn condition_of(&self, cell: &Cell) -> Option<&Condition> {
+        self.conditions
+            .iter()
+            .find(|condition| condition.takes(&cell.levels))
+    }
+
     /// Who is taken in, when, and for how long.
     pub fn recruiting(&self) -> &Recruiting {
         &self.recruiting

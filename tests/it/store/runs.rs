@@ -526,6 +526,8 @@ async fn runs_without_an_end_and_imported_ones_take_no_place() {
             reply: choice("stop"),
             timing: ClientTiming::default(),
         }],
+        condition: None,
+        has_times: true,
         is_completed: true,
     };
     let import = async || {
