@@ -164,7 +164,7 @@ impl Batch {
         if start.at.0 - arrival.created_at.0 > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
         }
-        let is_preview = start.is_preview || arrival.is_preview;
+        let is_preview = arrival.is_preview;
         let person = arrival.platform.clone().zip(arrival.platform_key.clone());
         let person = person
             .filter(|_| !is_preview)

@@ -173,39 +173,6 @@ impl Store {
             .await
     }
 
-    /// The newest fit of each model and part, whatever came out: what a worker compares with the counts, and what pages
-    /// show the state of.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn latest_fits(
-        &self,
-        study: &StudyId,
-        population: Population,
-    ) -> Result<Vec<Fit>, Error> {
-        let rows: Vec<FitRow> = sqlx::query_as(
-            r#"
-            select
-                id, plan, part, model, input_hash, data_version, version_id,
-                (select number from study_version where study_version.id = version_id) as version_number,
-                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
-            from fit
-            where id in (
-                select max(id)
-                from fit
-                where study_id = ? and is_simulated = ?
-                group by plan, part, model
-            )
-            order by plan, part, model
-            "#,
-        )
-        .bind(study.as_str())
-        .bind(population.is_simulated())
-        .fetch_all(&self.pool)
-        .await?;
-        Ok(rows.into_iter().map(Fit::from).collect())
-    }
-
     /// The ids of the newest fit of each model and part, and those of them that are not `known`: a page that moved on
     /// needs only the new ones.
     ///

@@ -55,10 +55,11 @@ row_ids! {
 
 /// A stored name that this program does not know: the database was written by a later version.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown {kind} `{found}`")]
+#[error("unknown {kind} `{found}`; allowed: {allowed}")]
 pub struct UnknownName {
     kind: &'static str,
     found: String,
+    allowed: String,
 }
 
 macro_rules! stored_names {
@@ -102,7 +103,11 @@ macro_rules! stored_names {
             fn from_str(text: &str) -> Result<Self, UnknownName> {
                 match text {
                     $($text => Ok(Self::$variant),)*
-                    _ => Err(UnknownName { kind: $kind, found: text.to_owned() }),
+                    _ => Err(UnknownName {
+                        kind: $kind,
+                        found: text.to_owned(),
+                        allowed: [$($text),*].join(", "),
+                    }),
                 }
             }
         }

@@ -200,9 +200,10 @@ async fn every_released_schema_keeps_everything() {
             lab.store.completion_code(1.into())
         );
         let fits = store
-            .latest_fits(&driving, Population::People)
+            .new_fits(&driving, Population::People, &[])
             .await
-            .unwrap();
+            .unwrap()
+            .1;
         assert_eq!(
             fits.iter()
                 .map(|fit| (fit.id, fit.is_provisional))
