@@ -132,7 +132,9 @@ pub(super) fn missing_meaning(code: &str) -> &'static str {
         }
         WITHDRAWN => "the person withdrew, and everything they answered is erased",
         NOT_ANSWERED => "shown and left empty",
-        NOT_MEASURED => "not measured, for example because the page ran without scripts",
+        NOT_MEASURED => {
+            "not measured, for example because the page ran without scripts, or not told where answers were imported"
+        }
         _ => "",
     }
 }
@@ -220,7 +222,7 @@ pub(super) fn version_column(export: &Export) -> Column {
         .iter()
         .map(|version| {
             Level::new(
-                version.id.to_string(),
+                version.number.to_string(),
                 format!("study file with SHA-256 {}", version.hash),
             )
         })
@@ -358,7 +360,8 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
             ColumnKind::Integer,
             "When the question was answered or closed, on the server's clock, since 1970 (UTC)",
         )
-        .in_unit("ms"),
+        .in_unit("ms")
+        .missing_as(&[NOT_MEASURED]),
         Column::new(
             "server_ms",
             "Time on the server",

@@ -31,7 +31,8 @@ pub struct Answer<'a> {
     action: Option<&'a str>,
     status: AnswerStatus,
     shown_at_ms: Option<i64>,
-    answered_at_ms: i64,
+    /// Null where an import did not tell.
+    answered_at_ms: Option<i64>,
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
     limit_ms: Option<u64>,
@@ -60,7 +61,7 @@ impl<'a> Answer<'a> {
             .unwrap_or_default();
         Self {
             study: study.id().as_str(),
-            version: row.version.get(),
+            version: row.version_number.get(),
             participant: row.key.run.get(),
             run_state: row.run_state,
             block: row.block.as_str(),
@@ -74,7 +75,7 @@ impl<'a> Answer<'a> {
             action: row.action.as_ref().map(|action| action.as_str()),
             status: row.status,
             shown_at_ms: row.shown_at.map(|at| at.0),
-            answered_at_ms: row.answered_at.0,
+            answered_at_ms: row.answered_at.map(|at| at.0),
             server_ms: row.server_ms,
             client_rt_ms: row.client_rt_ms,
             limit_ms: row.limit_ms,
@@ -107,7 +108,7 @@ impl<'a> Answer<'a> {
             text(self.action.unwrap_or_default()),
             self.status.to_string(),
             number(self.shown_at_ms),
-            self.answered_at_ms.to_string(),
+            number(self.answered_at_ms),
             number(self.server_ms),
             number(self.client_rt_ms),
             number(self.limit_ms),

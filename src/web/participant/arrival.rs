@@ -185,7 +185,6 @@ pub(super) async fn start(
         factor: TimeFactor::ONE,
         population: settings.population,
         language: language.clone(),
-        is_preview: false,
     };
     let led_on: Result<Response, Error> = match store.start(&arrival, run).await {
         Ok(started) => Ok(Redirect::to(&format!("/r/{}", started.link)).into_response()),

@@ -78,7 +78,15 @@ async fn commands_make_accounts_and_tokens_while_the_server_runs() {
         "",
     )
     .await;
-    assert!(!done && told.contains("unknown scope `all`"), "{told}");
+    assert!(
+        !done && told.contains("unknown scope `all`; allowed: results, data, manage"),
+        "{told}"
+    );
+    let (done, _, told) = command(&app, &["user", "add", "x", "--role", "boss"], "").await;
+    assert!(
+        !done && told.contains("unknown role `boss`; allowed: admin, researcher, viewer"),
+        "{told}"
+    );
 
     assert!(
         command(&app, &["user", "role", "anna", "viewer"], "")
@@ -86,6 +94,26 @@ async fn commands_make_accounts_and_tokens_while_the_server_runs() {
             .0
     );
     assert_eq!(browser.gets(EXPORT).await.status(), 403);
+    let beyond = [
+        "token",
+        "add",
+        "x",
+        "--scope",
+        "results,data",
+        "--days",
+        "7",
+        "--account",
+        "anna",
+    ];
+    let (done, printed, told) = command(&app, &beyond, "").await;
+    assert!(
+        !done
+            && told.contains(
+                "anna is a viewer, whose tokens may not be used for data; allowed: results"
+            ),
+        "{told}"
+    );
+    assert_eq!(printed, "");
     assert!(
         command(&app, &["user", "password", "anna"], "another password\n")
             .await
