@@ -61,7 +61,7 @@ pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
 pub use reference_reward::{ReferenceRewardError, default_reference_reward};
-pub use simulated::{SimulatedFitError, SimulatedPerson, SimulationError};
+pub use simulated::{SimulatedFitError, SimulatedPerson, SimulationError, draw_action};
 pub use summary::{
     Diagnostics, Estimate, FitSummary, ParameterSummary, PredictedShare, QuantityDiagnostics,
     Source,
