@@ -114,6 +114,11 @@ fn write_levels(
     report: &FactorReport,
     part: &FactorPartReport,
 ) -> io::Result<()> {
+    writeln!(
+        out,
+        "  {:<15} {:>10} ± {:<10} {:>10} (5 % to 95 %)",
+        "", "mean", "sd", "median"
+    )?;
     for (level, fit) in report.levels.iter().zip(&part.levels) {
         let state = if fit.converged {
             "converged"
