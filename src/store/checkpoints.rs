@@ -3,6 +3,7 @@
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::job::{Job, Rare};
 use super::studies::turn_page;
 use super::{Change, Error, Population, ProblemId, Store};
 use crate::study::{ActionId, StudyId, Timestamp};
@@ -79,6 +80,16 @@ pub struct Reached {
 }
 
 impl Store {
+    /// Stores checkpoints, and that a rule for stopping was reached. Says whether it was reached for the first time.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn save_checkpoints(&self, new: NewCheckpoints) -> Result<bool, Error> {
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::SaveCheckpoints(Box::new(new), now, ticket)))
+            .await
+    }
+
     /// What the people who finished chose, in the order in which they finished: of the first `minimum` for look 0, of the
     /// next `every` for look 1, and so on; the last look may be of fewer people than that. Previews are left out.
     ///

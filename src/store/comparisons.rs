@@ -2,6 +2,7 @@
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::job::{Job, Rare};
 use super::studies::turn_page;
 use super::{Change, Error, Population, Store, VersionId, json};
 use crate::study::{PlanId, StudyId, Timestamp};
@@ -83,6 +84,16 @@ impl From<ComparisonRow> for Comparison {
 }
 
 impl Store {
+    /// Stores a comparison in place of the plan's earlier one.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn save_comparison(&self, comparison: NewComparison) -> Result<(), Error> {
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::SaveComparison(Box::new(comparison), now, ticket)))
+            .await
+    }
+
     /// The newest comparison of each plan, whatever came out, but those with input hashes that are `known`: each is some
     /// tens of kilobytes.
     ///

@@ -2,6 +2,7 @@
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::job::{Job, Rare};
 use super::studies::turn_page;
 use super::{Change, Error, FitId, FitState, Population, Store, VersionId, json};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
@@ -157,6 +158,17 @@ impl From<FitRow> for Fit {
 }
 
 impl Store {
+    /// Stores fits together, in one commit; those of one study change its page once. Left out are fits that counted
+    /// somebody who has withdrawn since.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn save_fits(&self, fits: Vec<NewFit>) -> Result<Vec<FitId>, Error> {
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::SaveFits(fits, now, ticket)))
+            .await
+    }
+
     /// The newest fit of each model and part, whatever came out: what a worker compares with the counts, and what pages
     /// show the state of.
     ///

@@ -2,7 +2,7 @@
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::job::Publish;
+use super::job::{Job, Publish, Rare};
 use super::{Change, Error, Population, Store, StudyState, VersionId};
 use crate::study::{StudyId, Timestamp};
 
@@ -45,6 +45,39 @@ struct VersionRow {
 }
 
 impl Store {
+    /// Makes a study's text the current version, and the study itself if it is new, in the state `state_if_new`. The
+    /// same text again is the version that it was.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn publish(
+        &self,
+        study: &StudyId,
+        hash: &str,
+        text: &str,
+        state_if_new: StudyState,
+    ) -> Result<VersionId, Error> {
+        let publish = Publish {
+            study: study.clone(),
+            hash: hash.to_owned(),
+            text: text.to_owned(),
+            state_if_new,
+            at: self.now(),
+        };
+        self.wait_for(|ticket| Job::Rare(Rare::Publish(publish, ticket)))
+            .await
+    }
+
+    /// Opens, pauses or closes a study.
+    ///
+    /// # Errors
+    /// `NotFound` for an unknown study.
+    pub async fn set_study_state(&self, study: &StudyId, state: StudyState) -> Result<(), Error> {
+        let study = study.clone();
+        self.wait_for(|ticket| Job::Rare(Rare::SetState(study, state, ticket)))
+            .await
+    }
+
     /// All studies by id.
     ///
     /// # Errors

@@ -3,11 +3,72 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::import;
-use super::{Change, RunId, RunState, json, load};
+use super::job::{Job, Rare};
+use super::{Change, Error, Population, RunId, RunState, Store, Token, json, load, runs};
 use crate::study::{StudyId, Timestamp};
 
 /// Of the start of a withdrawn run its day is kept.
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
+
+impl Store {
+    /// Erases everything about a run but that it was: answers, events, steps, recruiting ids, its share of the
+    /// counts. Done once, it stays done.
+    ///
+    /// # Errors
+    /// `NotFound` for an unknown link, `Refused` for one that does not belong to whoever started the run.
+    pub async fn withdraw(&self, link: &Token) -> Result<(), Error> {
+        let view = self.run(link).await?;
+        if !view.is_owner {
+            return Err(Error::Refused(
+                "only the link with which the run was started can withdraw it".to_owned(),
+            ));
+        }
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::Withdraw(view.run, now, ticket)))
+            .await
+    }
+
+    /// Erases a run as [`Store::withdraw`] does, for somebody who asked for it in another way than by their link.
+    ///
+    /// # Errors
+    /// `NotFound` for a run that is not one of this study.
+    pub async fn erase(
+        &self,
+        study: &StudyId,
+        population: Population,
+        run: RunId,
+    ) -> Result<(), Error> {
+        self.run_state(study, population, run).await?;
+        let now = self.now();
+        self.wait_for(|ticket| Job::Rare(Rare::Withdraw(run, now, ticket)))
+            .await
+    }
+
+    /// Removes arrivals of more than a day ago that started nothing. Returns how many.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn forget_arrivals(&self) -> Result<u64, Error> {
+        let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetArrivals(before, ticket)))
+            .await
+    }
+
+    /// Erases the links of a study's runs and what recruiting platforms told of their people, after its retention date.
+    /// Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn forget_people(&self, study: &StudyId) -> Result<u64, Error> {
+        let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
+        if !self.is_anybody_known(study, before).await? {
+            return Ok(0);
+        }
+        let study = study.clone();
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, before, ticket)))
+            .await
+    }
+}
 
 /// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
 /// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
