@@ -12,6 +12,7 @@ mod fits;
 mod page;
 mod participants;
 mod predict;
+mod sources;
 mod sweeps;
 mod version;
 
@@ -90,6 +91,7 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(accuracy))
         .routes(routes!(sweeps::share))
         .routes(routes!(sweeps::gap))
+        .routes(routes!(sources::sources))
         .routes(routes!(comparison))
         .routes(routes!(sequential))
         .routes(routes!(predict::predict))
