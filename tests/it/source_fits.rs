@@ -26,7 +26,7 @@ async fn ready(app: &App, path: &str) -> Value {
         let page = app.get(path).await;
         let body: Value = serde_json::from_str(&page.html).unwrap();
         match page.status {
-            StatusCode::ACCEPTED => assert_eq!(body["state"], "running", "{body}"),
+            StatusCode::ACCEPTED => assert_eq!(body["fits"]["state"], "running", "{body}"),
             StatusCode::OK => return body,
             other => panic!("{other}: {body}"),
         }
@@ -54,13 +54,13 @@ async fn one_source_has_nothing_to_compare_with() {
     assert_eq!(firsts(&page, "People and choices of each source"), ["lab"]);
     assert!(firsts(&page, "Parameters by source").is_empty());
     let body: Value = serde_json::from_str(&app.get(JSON).await.html).unwrap();
-    assert_eq!(body["state"], "nothing_to_compare");
+    assert_eq!(body["fits"]["state"], "nothing_to_compare");
     assert_eq!(body["sources"][0]["n"], 24);
 
     // A second one that is too small does not change that, and it is said why.
     people(&app, "web", "accelerate", 1).await;
     let body: Value = serde_json::from_str(&app.get(JSON).await.html).unwrap();
-    assert_eq!(body["state"], "nothing_to_compare");
+    assert_eq!(body["fits"]["state"], "nothing_to_compare");
     assert_eq!(body["sources"][1]["left_out"], "too_few");
     let page = app.get(PAGE).await;
     assert!(page.html.contains("no: fewer than 20 choices"));
@@ -75,7 +75,7 @@ async fn sources_are_fitted_one_by_one_and_held_against_each_other() {
     people(&app, "pilot", "stop", 1).await;
     let body = ready(&app, JSON).await;
     assert_eq!(
-        (&body["state"], &body["plan"]),
+        (&body["fits"]["state"], &body["plan"]),
         (&"ready".into(), &"all".into())
     );
     let sources: Vec<(&Value, &Value, &Value)> = body["sources"]
@@ -92,7 +92,7 @@ async fn sources_are_fitted_one_by_one_and_held_against_each_other() {
             (&"web".into(), &4.into(), &Value::Null),
         ]
     );
-    let result = &body["result"];
+    let result = &body["fits"]["result"];
     assert_eq!(result["levels"][0]["n"], 24);
     assert_eq!(result["levels"][1]["n"], 32);
     for model in ["noisy_rational", "risk_aware"] {
@@ -139,7 +139,7 @@ async fn sources_are_fitted_one_by_one_and_held_against_each_other() {
     // One more answer is another question.
     people(&app, "web", "stop", 1).await;
     let body = ready(&app, JSON).await;
-    assert_eq!(body["result"]["levels"][1]["n"], 40);
+    assert_eq!(body["fits"]["result"]["levels"][1]["n"], 40);
     app.stop().await;
 }
 
@@ -150,7 +150,7 @@ async fn more_than_two_are_held_against_the_rest_in_any_plan() {
         people(&app, source, "stop", 3).await;
     }
     let body = ready(&app, &format!("{JSON}?plan=risk")).await;
-    let parts = &body["result"]["models"]["risk_aware"]["parts"];
+    let parts = &body["fits"]["result"]["models"]["risk_aware"]["parts"];
     assert_eq!(parts.as_array().unwrap().len(), 2);
     for contrast in parts[1]["contrasts"].as_array().unwrap() {
         assert_eq!(contrast["against"], "rest");

@@ -38,6 +38,6 @@ pub(super) async fn sources(
     let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::coarse_plan(&snapshot, plan.as_ref())?;
     let found = Sources::read(&store, &fits, &snapshot, plan, Duration::ZERO).await?;
-    let is_running = matches!(found.fitting, SourceFitting::Running { .. });
+    let is_running = matches!(found.fits, SourceFitting::Running { .. });
     Ok(on_demand(found, is_running))
 }

@@ -26,8 +26,7 @@ pub(in crate::web) struct Sources {
     /// How often the first action of each cell was chosen.
     pub choices: Vec<SourceChoices>,
     /// The models fitted to each source, or how far they are.
-    #[serde(flatten)]
-    pub fitting: SourceFitting,
+    pub fits: SourceFitting,
 }
 
 /// The answers of people from one source to one cell.
@@ -80,7 +79,7 @@ impl Sources {
     /// * `patience`: how long to wait for them.
     pub(in crate::web) async fn read(
         store: &Store,
-        fits: &SourceFits,
+        source_fits: &SourceFits,
         snapshot: &Snapshot,
         plan: &FitPlan,
         patience: Duration,
@@ -92,7 +91,7 @@ impl Sources {
         let comparison = SourceComparison::new(snapshot, plan, &counts, &people);
         let fitting = match &comparison.input {
             None => SourceFitting::NothingToCompare,
-            Some(input) => match fits.wait(input, patience).await {
+            Some(input) => match source_fits.wait(input, patience).await {
                 WorkState::Running { done, of, ahead } => {
                     SourceFitting::Running { done, of, ahead }
                 }
@@ -111,7 +110,7 @@ impl Sources {
             plan_label: plan.label.clone(),
             sources: comparison.sources,
             choices: choices(study.cells(), &counts),
-            fitting,
+            fits: fitting,
         })
     }
 }

@@ -116,7 +116,7 @@ impl SourcesPart {
     fn new(sources: &Sources) -> Self {
         Self {
             plan_label: sources.plan_label.clone(),
-            fitting: match &sources.fitting {
+            fitting: match &sources.fits {
                 SourceFitting::NothingToCompare => Fitting::Nothing(match sources.sources.len() {
                     0 => "No choice that the models are fitted to counts yet.",
                     1 => {
