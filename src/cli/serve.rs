@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::{
     chance::Chance,
     clock::Clock,
-    jobs::{self, Catalogue, Prepare, StudyFolder, Sweeps},
+    jobs::{self, Catalogue, Prepare, SourceFits, StudyFolder, Sweeps},
     store::{Options, Population, Store, StudyRow, StudyState, Token},
     study,
     web::{self, AppState, Limits, PublicUrl, Replays, Settings},
@@ -140,6 +140,7 @@ impl Server {
         let limits = Arc::new(Limits::new(store.clock(), args.starts_per_minute));
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
+            source_fits: Arc::new(SourceFits::new(stop.clone())),
             replays: Arc::new(replays),
             store,
             catalogue: Arc::new(catalogue),

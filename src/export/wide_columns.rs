@@ -127,7 +127,7 @@ impl Columns {
 fn wide_head(export: &Export) -> Vec<WideColumn> {
     let plain = |column, cell| WideColumn { column, cell };
     let mut columns = vec![
-        plain(study_column(export), WideCell::Study),
+        plain(study_column(export.study()), WideCell::Study),
         plain(version_column(export), WideCell::Version),
         plain(participant_column(), WideCell::Participant),
         plain(run_state_column(), WideCell::RunState),

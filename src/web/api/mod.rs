@@ -12,6 +12,7 @@ mod fits;
 mod page;
 mod participants;
 mod predict;
+mod sources;
 mod sweeps;
 mod version;
 
@@ -92,6 +93,7 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(accuracy))
         .routes(routes!(sweeps::share))
         .routes(routes!(sweeps::gap))
+        .routes(routes!(sources::sources))
         .routes(routes!(comparison))
         .routes(routes!(sequential))
         .routes(routes!(predict::predict))

@@ -13,6 +13,7 @@ mod page_tables;
 mod predictive;
 mod reading;
 mod report;
+mod sources;
 mod summary;
 mod sweep;
 mod sweep_page;
@@ -39,9 +40,12 @@ pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
-    format::{count, decimal, percent, percents, rfc3339},
+    format::{count, decimal, mean_sd, percent, percents, rfc3339, significant},
+    reading::{contraction, estimate, range, ratio, symbol},
+    sources::{SourceChoices, SourceFitting, Sources},
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
+    table::{Align, Cell, Table},
 };
 use super::{
     ApiError, AppState, Error, Settings,
