@@ -82,6 +82,7 @@ impl Store {
             from run
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and (run.state = 'completed' or not ?3)
+            and not exists (select 1 from exclusion where exclusion.run_id = run.id)
             and exists (
                 select 1 from answer
                 where answer.run_id = run.id and answer.is_counted = 1 and answer.status = 'answered'
