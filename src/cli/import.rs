@@ -58,7 +58,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         .with_context(|| format!("study {study} in {}", database.display()))?
         .version;
     let text = store.study_version(version).await?.text;
-    let parsed = Study::parse(&format!("version {version} of {study}"), &text)?;
+    let parsed = Study::parse_stored(&format!("version {version} of {study}"), &text)?;
     let mapping = match &map {
         None => Mapping::default(),
         Some(path) => {

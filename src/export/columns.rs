@@ -9,6 +9,23 @@ use super::Export;
 use crate::study::step::InputDevice;
 use crate::study::{Asks, Study};
 
+/// The names of a table's columns, each once.
+#[derive(Debug, Default)]
+pub(super) struct Names(BTreeSet<String>);
+
+impl Names {
+    /// The name, with a number where another column has it. No id holds `_`, so that a numbered name is no other id's.
+    pub(super) fn distinct(&mut self, wanted: &str) -> String {
+        let mut name = wanted.to_owned();
+        let mut number = 1;
+        while !self.0.insert(name.clone()) {
+            number += 1;
+            name = format!("{wanted}_{number}");
+        }
+        name
+    }
+}
+
 /// How many columns of the long table stand before those of the factors.
 pub(super) const LONG_BEFORE_FACTORS: usize = 8;
 
@@ -293,7 +310,35 @@ fn all_actions(export: &Export) -> Vec<Level> {
 
 /// The long table's columns.
 pub(super) fn long(export: &Export) -> Vec<Column> {
-    let mut columns = vec![
+    let mut columns = before_factors(export);
+    let after = after_factors(export);
+    // A version that is stored may have factors with the names of other columns, which keep them.
+    let mut names = Names::default();
+    for column in columns.iter().chain(&after) {
+        names.distinct(&column.name);
+    }
+    columns.extend(
+        factors(export.versions_current_first())
+            .into_iter()
+            .map(|factor| {
+                Column::new(
+                    names.distinct(&factor.id),
+                    &factor.label,
+                    ColumnKind::Level,
+                    format!(
+                        "The level of the factor {}; empty where the question leaves it open",
+                        factor.label
+                    ),
+                )
+                .with_levels(factor.levels)
+            }),
+    );
+    columns.extend(after);
+    columns
+}
+
+fn before_factors(export: &Export) -> Vec<Column> {
+    vec![
         study_column(export),
         version_column(export),
         participant_column(),
@@ -322,24 +367,11 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
             ColumnKind::Text,
             "The cell's id (its levels joined by /), or block:question outside the design; the `problem` of fits",
         ),
-    ];
-    columns.extend(
-        factors(export.versions_current_first())
-            .into_iter()
-            .map(|factor| {
-                Column::new(
-                    factor.id,
-                    &factor.label,
-                    ColumnKind::Level,
-                    format!(
-                        "The level of the factor {}; empty outside the design",
-                        factor.label
-                    ),
-                )
-                .with_levels(factor.levels)
-            }),
-    );
-    columns.extend([
+    ]
+}
+
+fn after_factors(export: &Export) -> Vec<Column> {
+    vec![
         Column::new("action", "Action", ColumnKind::Level, "The chosen action")
             .with_levels(all_actions(export))
             .missing_as(&[TIMED_OUT, SKIPPED]),
@@ -404,6 +436,5 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
         .missing_as(&[NOT_MEASURED]),
         source_column(),
         simulated_column(),
-    ]);
-    columns
+    ]
 }

@@ -26,7 +26,7 @@ impl Versions {
         let mut current_study = None;
         for version in &stored {
             let name = format!("version {} of {study}", version.id);
-            match Study::parse(&name, &version.text) {
+            match Study::parse_stored(&name, &version.text) {
                 Ok(study) => {
                     let study = Arc::new(study);
                     if version.id == current {

@@ -90,10 +90,17 @@ impl Columns {
         for ours in KNOWN.into_iter().chain(factors.iter().map(String::as_str)) {
             let theirs = mapping.column(ours);
             // Spreadsheets put a byte order mark before the first name.
-            let mut names = header
+            let mut places = header
                 .iter()
-                .map(|name| name.trim_start_matches('\u{feff}'));
-            match names.position(|name| name == theirs) {
+                .map(|name| name.trim_start_matches('\u{feff}'))
+                .enumerate()
+                .filter(|(_, name)| *name == theirs)
+                .map(|(index, _)| index);
+            match places.next() {
+                Some(_) if places.next().is_some() => faults.push(Fault {
+                    allowed: format!("a header that names the column {theirs} once"),
+                    ..missing(theirs)
+                }),
                 Some(index) => found.push(Column {
                     ours: ours.to_owned(),
                     theirs: theirs.to_owned(),

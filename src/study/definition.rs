@@ -55,7 +55,18 @@ impl Study {
     /// # Errors
     /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
-        parse::study(file_name, text).map_err(|mut errors| errors.swap_remove(0))
+        parse::study(file_name, text, parse::Origin::File)
+            .map_err(|mut errors| errors.swap_remove(0))
+    }
+
+    /// Parses a text that an earlier version of this program took: rules about names that came later do not hold for it, so
+    /// that people under way can finish and their answers can be read.
+    ///
+    /// # Errors
+    /// As [`Study::parse`].
+    pub fn parse_stored(name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::study(name, text, parse::Origin::Database)
+            .map_err(|mut errors| errors.swap_remove(0))
     }
 
     /// Parses a study file like [`Study::parse`], naming more than the first error.
@@ -64,7 +75,7 @@ impl Study {
     /// What is wrong with the file, one error or more: the first of each part (the head, each block, and so on). What
     /// depends on a faulty part is looked at only when that is right.
     pub fn check(file_name: &str, text: &str) -> Result<Self, Vec<ParseError>> {
-        parse::study(file_name, text)
+        parse::study(file_name, text, parse::Origin::File)
     }
 
     /// The languages in which it can be taken, as tags such as `de`; that of the file's own texts first. A

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use riskaware::{clock::Clock, jobs::Catalogue};
+use riskaware::{clock::Clock, jobs::Catalogue, store::StudyState, study::Study};
 use serde_json::Value;
 
 use crate::app::{App, Page, START};
@@ -64,7 +64,11 @@ endowment = 0
 "#;
 
 async fn bytes(app: &App, path: &str) -> Vec<u8> {
-    let url = format!("{}/api/v1/studies/moods/export/{path}", app.url);
+    answers(app, &format!("export/{path}")).await
+}
+
+async fn answers(app: &App, path: &str) -> Vec<u8> {
+    let url = format!("{}/api/v1/studies/moods/{path}", app.url);
     let response = app.client.get(url).send().await.unwrap();
     assert!(response.status().is_success(), "{path}");
     response.bytes().await.unwrap().to_vec()
@@ -140,5 +144,80 @@ async fn a_bonus_has_the_digits_of_its_currency() {
     let app = with_an_answer().await;
     assert_eq!(only_row(&bytes(&app, "wide.csv").await)["bonus"], "5");
     assert_eq!(only_row(&bytes(&app, "bonus.csv").await)["amount"], "5");
+    app.stop().await;
+}
+
+/// Factors that no file may have any more.
+fn with_old_factors(factors: &[&str]) -> String {
+    let tables: String = factors
+        .iter()
+        .map(|factor| {
+            format!(
+                "[[factor]]\nid = \"{factor}\"\nlabel = \"F\"\nlevel = [{{ id = \"one\", label = \"One\" }}]\n\n"
+            )
+        })
+        .collect();
+    let levels: Vec<String> = factors
+        .iter()
+        .map(|factor| format!("{factor} = \"one\""))
+        .collect();
+    STUDY
+        .replacen("[[action]]", &format!("{tables}[[action]]"), 1)
+        .replace(
+            "id = \"one\"\ntext",
+            &format!("id = \"one\"\nlevels = {{ {} }}\ntext", levels.join(", ")),
+        )
+}
+
+#[tokio::test]
+async fn a_stored_factor_with_the_name_of_another_column_is_numbered() {
+    let app = with_an_answer().await;
+    let text = with_old_factors(&["status", "source", "mood"]);
+    assert!(Study::parse("moods.toml", &text).is_err());
+    let study = Study::parse_stored("moods.toml", &text).unwrap();
+    app.store
+        .publish(study.id(), study.hash(), &text, StudyState::Open)
+        .await
+        .unwrap();
+    // The server that starts with such a study serves it as it is stored.
+    let catalogue = Catalogue::publish(&app.store, Vec::new()).await.unwrap();
+    assert_eq!(catalogue.studies().len(), 1);
+    let long = only_row(&answers(&app, "answers.csv").await);
+    assert_eq!(long["status"], "answered");
+    assert_eq!(long["source"], "");
+    for name in ["status_2", "source_2", "mood"] {
+        assert!(long.contains_key(name), "{name} in {long:?}");
+    }
+    let text = String::from_utf8(answers(&app, "answers.csv").await).unwrap();
+    let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let distinct: std::collections::BTreeSet<&str> = header.iter().copied().collect();
+    assert_eq!(distinct.len(), header.len());
+    app.stop().await;
+}
+
+/// Every name that is one word could be a factor's id.
+#[tokio::test]
+async fn no_file_may_have_a_factor_with_the_name_of_a_fixed_column() {
+    let app = with_an_answer().await;
+    let tables = [
+        answers(&app, "answers.csv").await,
+        bytes(&app, "wide.csv?ids=hashed").await,
+        bytes(&app, "bonus.csv").await,
+    ];
+    let mut tried = 0;
+    for table in tables {
+        let names = csv::Reader::from_reader(table.as_slice())
+            .headers()
+            .unwrap()
+            .clone();
+        for name in names.iter().filter(|name| !name.contains(['_', '.'])) {
+            let parsed = Study::parse("moods.toml", &with_old_factors(&[name]));
+            // Of the bonuses no column stands beside a factor.
+            assert!(parsed.is_err() || name == "amount", "{name}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 15, "{tried}");
+    assert!(Study::parse("moods.toml", &with_old_factors(&["mood"])).is_ok());
     app.stop().await;
 }

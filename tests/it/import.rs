@@ -128,6 +128,21 @@ async fn a_file_in_the_long_form_is_stored_counted_and_agrees_with_its_events() 
 }
 
 #[tokio::test]
+async fn a_column_that_stands_twice_is_refused() {
+    let place = Place::new().await;
+    let csv =
+        "participant,problem,action,status,status\na,explicit/untimed/low,stop,answered,low\n";
+    let told = place.imports(csv, None).unwrap_err();
+    assert!(
+        told.contains("line 1, column status")
+            && told.contains("a header that names the column status once"),
+        "{told}"
+    );
+    assert_eq!(place.answers().await, []);
+    place.store.close().await;
+}
+
+#[tokio::test]
 async fn other_words_are_mapped() {
     let place = Place::new().await;
     let csv = "Subject,Info,Limit,Odds,Answer\n1,told,no,5 %,2\n2,told,no,95 %,1\n";
