@@ -89,7 +89,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
     audit::record(&store, "import answers", Some(&study), Some(detail)).await?;
     store.close().await;
     println!(
-        "{} answers of {people} people are imported into {study}; {} rows of practice questions are left out",
+        "{} answers of {people} people are imported into {study}; {} rows of practice or unanswered questions are left out",
         imported.answers, imported.left_out
     );
     Ok(())

@@ -135,6 +135,7 @@ impl Column {
 
 pub(super) const TIMED_OUT: &str = "timed_out";
 pub(super) const SKIPPED: &str = "skipped";
+pub(super) const OPEN: &str = "open";
 pub(super) const NOT_SHOWN: &str = "not_shown";
 pub(super) const WITHDRAWN: &str = "withdrawn";
 pub(super) const NOT_ANSWERED: &str = "not_answered";
@@ -143,9 +144,10 @@ pub(super) const NOT_MEASURED: &str = "not_measured";
 pub(super) fn missing_meaning(code: &str) -> &'static str {
     match code {
         TIMED_OUT => "the time ran out without an answer",
-        SKIPPED => "passed over on purpose (only in imported answers)",
+        SKIPPED => "shown and never answered: the run ended before",
+        OPEN => "on the participant's screen when the data were exported",
         NOT_SHOWN => {
-            "not shown, or not closed yet when the data were exported; also where the participant's version of the study does not ask it"
+            "not shown to this participant; also where their version of the study does not ask it"
         }
         WITHDRAWN => "the person withdrew, and everything they answered is erased",
         NOT_ANSWERED => "shown and left empty",
@@ -390,7 +392,8 @@ fn after_factors(export: &Export) -> Vec<Column> {
             ColumnKind::Integer,
             "When the question was answered or closed, on the server's clock, since 1970 (UTC)",
         )
-        .in_unit("ms"),
+        .in_unit("ms")
+        .missing_as(&[SKIPPED]),
         Column::new(
             "server_ms",
             "Time on the server",
@@ -398,7 +401,7 @@ fn after_factors(export: &Export) -> Vec<Column> {
             "From showing the question to closing it on the server's clock, the network included",
         )
         .in_unit("ms")
-        .missing_as(&[NOT_MEASURED]),
+        .missing_as(&[NOT_MEASURED, SKIPPED]),
         Column::new(
             "client_rt_ms",
             "Response time",
@@ -406,7 +409,7 @@ fn after_factors(export: &Export) -> Vec<Column> {
             "From the frame that showed the question to the choice, as the page measured it",
         )
         .in_unit("ms")
-        .missing_as(&[NOT_MEASURED, TIMED_OUT]),
+        .missing_as(&[NOT_MEASURED, TIMED_OUT, SKIPPED]),
         Column::new(
             "limit_ms",
             "Time limit",

@@ -6,6 +6,7 @@ use std::io;
 use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
+use super::columns::{NOT_SHOWN, OPEN, SKIPPED};
 use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
 use super::{Export, ExportError, bonus, wide_columns};
 use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
@@ -155,6 +156,7 @@ impl<'a> Row<'a> {
                     .finished_at
                     .map(|at| at.millis_since(participant.started_at)),
             ),
+            WideCell::LastPosition => number(participant.last_position),
             WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Platform => words(participant.platform.as_deref()),
             WideCell::PlatformKey => words(participant.platform_key.as_deref()),
@@ -173,7 +175,7 @@ impl<'a> Row<'a> {
                 StepCell::Status if self.participant.state == RunState::Withdrawn => {
                     RunState::Withdrawn.to_string()
                 }
-                StepCell::Status => "not_shown".to_owned(),
+                StepCell::Status => NOT_SHOWN.to_owned(),
                 StepCell::Action
                 | StepCell::ClientRt
                 | StepCell::ServerMs
@@ -189,7 +191,11 @@ impl<'a> Row<'a> {
                 .action
                 .as_ref()
                 .map_or_else(String::new, |action| text(action.as_str())),
-            StepCell::Status => answer.status.to_string(),
+            StepCell::Status => match answer.status {
+                Some(status) => status.to_string(),
+                None if self.participant.state == RunState::Active => OPEN.to_owned(),
+                None => SKIPPED.to_owned(),
+            },
             StepCell::ClientRt => number(answer.client_rt_ms),
             StepCell::ServerMs => number(answer.server_ms),
             StepCell::Member(name) => value(members.get(name)),

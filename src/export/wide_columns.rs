@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::columns::{
-    Column, ColumnKind, Level, NOT_ANSWERED, NOT_MEASURED, NOT_SHOWN, SKIPPED, TIMED_OUT,
+    Column, ColumnKind, Level, NOT_ANSWERED, NOT_MEASURED, NOT_SHOWN, OPEN, SKIPPED, TIMED_OUT,
     WITHDRAWN, answer_statuses, missing_meaning, participant_column, run_state_column,
     simulated_column, source_column, study_column, version_column,
 };
@@ -33,6 +33,7 @@ pub(super) enum WideCell {
     StartedAt,
     FinishedAt,
     Duration,
+    LastPosition,
     Bonus,
     Platform,
     PlatformKey,
@@ -192,6 +193,16 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
         ),
         plain(
             Column::new(
+                "last_position",
+                "Last position",
+                ColumnKind::Integer,
+                "The place of the last step that the participant was shown, as `position` counts: how far they came",
+            )
+            .missing_as(&[NOT_SHOWN, WITHDRAWN]),
+            WideCell::LastPosition,
+        ),
+        plain(
+            Column::new(
                 "bonus",
                 "Bonus",
                 ColumnKind::Number,
@@ -243,7 +254,7 @@ fn step(block: &BlockId, question: Option<&QuestionId>, cell: StepCell) -> WideC
 }
 
 fn consent_columns(block: &BlockId, clauses: &[Clause]) -> Vec<WideColumn> {
-    let missing = [NOT_SHOWN, WITHDRAWN];
+    let missing = [SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN];
     let mut columns = vec![
         WideColumn {
             column: Column::new(
@@ -274,7 +285,7 @@ fn consent_columns(block: &BlockId, clauses: &[Clause]) -> Vec<WideColumn> {
                 ColumnKind::Boolean,
                 format!("Whether the person agreed to: {}", clause.text),
             )
-            .missing_as(&[NOT_ANSWERED, NOT_SHOWN, WITHDRAWN]),
+            .missing_as(&FIELD_MISSING),
             cell: step(block, None, StepCell::Clause(clause.id.clone())),
         }
     }));
@@ -282,7 +293,8 @@ fn consent_columns(block: &BlockId, clauses: &[Clause]) -> Vec<WideColumn> {
 }
 
 fn with_absences(mut statuses: Vec<Level>) -> Vec<Level> {
-    statuses.extend([NOT_SHOWN, WITHDRAWN].map(|code| Level::new(code, missing_meaning(code))));
+    statuses
+        .extend([OPEN, NOT_SHOWN, WITHDRAWN].map(|code| Level::new(code, missing_meaning(code))));
     statuses
 }
 
@@ -307,7 +319,7 @@ fn choice_columns(
                 format!("What was chosen in question {question} of block {block} ({label})"),
             )
             .with_levels(actions)
-            .missing_as(&[TIMED_OUT, SKIPPED, NOT_SHOWN, WITHDRAWN]),
+            .missing_as(&[TIMED_OUT, SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN]),
             cell: of(StepCell::Action),
         },
         WideColumn {
@@ -328,7 +340,14 @@ fn choice_columns(
                 "From the frame that showed the question to the choice, as the page measured it",
             )
             .in_unit("ms")
-            .missing_as(&[NOT_MEASURED, TIMED_OUT, NOT_SHOWN, WITHDRAWN]),
+            .missing_as(&[
+                NOT_MEASURED,
+                TIMED_OUT,
+                SKIPPED,
+                OPEN,
+                NOT_SHOWN,
+                WITHDRAWN,
+            ]),
             cell: of(StepCell::ClientRt),
         },
         WideColumn {
@@ -339,7 +358,7 @@ fn choice_columns(
                 "From showing the question to closing it on the server's clock, the network included",
             )
             .in_unit("ms")
-            .missing_as(&[NOT_MEASURED, NOT_SHOWN, WITHDRAWN]),
+            .missing_as(&[NOT_MEASURED, SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN]),
             cell: of(StepCell::ServerMs),
         },
     ]
@@ -353,7 +372,10 @@ fn form_columns(block: &BlockId, title: &str, fields: &[Field]) -> Vec<WideColum
             ColumnKind::Level,
             format!("What became of form {block}"),
         )
-        .with_levels(with_absences(vec![Level::new("answered", "sent")])),
+        .with_levels(with_absences(vec![
+            Level::new("answered", "sent"),
+            Level::new(SKIPPED, missing_meaning(SKIPPED)),
+        ])),
         cell: step(block, None, StepCell::Status),
     }];
     if fields.iter().any(|field| field.correct.is_some()) {
@@ -366,7 +388,7 @@ fn form_columns(block: &BlockId, title: &str, fields: &[Field]) -> Vec<WideColum
 }
 
 fn check_columns(block: &BlockId, title: &str) -> [WideColumn; 2] {
-    let missing = [NOT_SHOWN, WITHDRAWN];
+    let missing = [SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN];
     let member = |name: &str| step(block, None, StepCell::Member(name.to_owned()));
     [
         WideColumn {
@@ -392,7 +414,7 @@ fn check_columns(block: &BlockId, title: &str) -> [WideColumn; 2] {
     ]
 }
 
-const FIELD_MISSING: [&str; 3] = [NOT_ANSWERED, NOT_SHOWN, WITHDRAWN];
+const FIELD_MISSING: [&str; 5] = [NOT_ANSWERED, SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN];
 
 fn field_columns(block: &BlockId, field: &Field) -> Vec<WideColumn> {
     let label = &field.label;

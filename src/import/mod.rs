@@ -38,7 +38,7 @@ pub struct Imported {
     pub runs: Vec<ImportedRun>,
     /// Rows that became answers.
     pub answers: u64,
-    /// Rows of practice questions, which are not imported.
+    /// Rows of practice questions and of questions that were never answered, which are not imported.
     pub left_out: u64,
 }
 
@@ -71,7 +71,7 @@ pub fn read(
             }
         };
         match columns.read(mapping, &questions, &record, now) {
-            Ok(Asked::Practice) => people.left_out += 1,
+            Ok(Asked::LeftOut) => people.left_out += 1,
             Ok(Asked::Choice(answer)) => faults.extend(people.add(*answer)),
             Err(found) => {
                 debug_assert!(!found.is_empty(), "a refused row without a fault is lost");

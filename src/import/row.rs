@@ -53,8 +53,8 @@ struct Column {
 
 /// What a row is about.
 pub(super) enum Asked {
-    /// A practice question.
-    Practice,
+    /// Nothing that is imported: a practice question, or one that nobody answered.
+    LeftOut,
     /// A choice.
     Choice(Box<Answer>),
 }
@@ -219,9 +219,13 @@ impl<'a> Row<'a> {
         let Some(question) = self.question(questions, &mut faults) else {
             return Err(faults);
         };
-        if question.step.is_practice {
+        let is_skipped = self.value("status") == Some(AnswerStatus::Skipped.as_str());
+        if is_skipped && self.value("action").is_some() {
+            faults.push(self.fault("action", "nothing, because the question was never answered"));
+        }
+        if question.step.is_practice || is_skipped {
             return if faults.is_empty() {
-                Ok(Asked::Practice)
+                Ok(Asked::LeftOut)
             } else {
                 Err(faults)
             };
@@ -295,7 +299,7 @@ impl<'a> Row<'a> {
                 status @ (AnswerStatus::Answered | AnswerStatus::Late | AnswerStatus::TimedOut),
             )) => status,
             Some(Ok(AnswerStatus::Skipped) | Err(_)) => {
-                faults.push(self.fault("status", "answered, late, timed_out"));
+                faults.push(self.fault("status", "answered, late, timed_out, skipped"));
                 return None;
             }
         };

@@ -1,10 +1,11 @@
 //! Answers one by one, for exports and summaries of forms.
 
+use super::load::time_factor;
 use super::{
     AnalysisSet, AnswerStatus, Error, EventId, EventKind, Population, RunId, RunState, Store,
     Verdict, VersionId,
 };
-use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
+use crate::study::{ActionId, BlockId, DEFAULT_GRACE_MS, Deadline, QuestionId, StudyId, Timestamp};
 
 /// Where an answer stands in an export: by run, then by step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,7 +24,8 @@ impl AnswerKey {
     };
 }
 
-/// A choice as the long CSV has it (product.md, "Fixed forms"). Levels of factors follow from the study version.
+/// A question that was shown, as the long CSV has it. A question that is on somebody's screen is not among them until it is
+/// closed, or until the run has ended without an answer to it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AnswerRow {
     /// The participant's number and the position.
@@ -50,8 +52,8 @@ pub struct AnswerRow {
     pub is_practice: bool,
     /// When the question was first shown.
     pub shown_at: Option<Timestamp>,
-    /// When it was answered or closed.
-    pub answered_at: Timestamp,
+    /// When it was answered or closed; none for a question that the run ended without.
+    pub answered_at: Option<Timestamp>,
     /// Milliseconds between the two on the server's clock.
     pub server_ms: Option<u64>,
     /// The response time that the page measured.
@@ -115,10 +117,12 @@ struct ExportRow {
     is_fitted: bool,
     is_practice: bool,
     shown_at_ms: Option<i64>,
-    answered_at_ms: i64,
+    answered_at_ms: Option<i64>,
     server_ms: Option<i64>,
     client_rt_ms: Option<i64>,
     limit_ms: Option<i64>,
+    step_limit_ms: Option<i64>,
+    time_factor: f64,
     input: Option<String>,
     hidden_ms: Option<i64>,
     source: Option<String>,
@@ -138,7 +142,7 @@ struct StoredEvent {
 }
 
 impl Store {
-    /// The next choices of a study after `after`, at most `limit`: an export pages through them, so that no read
+    /// The next questions of a study after `after`, at most `limit`: an export pages through them, so that no read
     /// transaction stays open while a client is slow. Previews are left out.
     ///
     /// # Errors
@@ -153,20 +157,26 @@ impl Store {
         let rows: Vec<ExportRow> = sqlx::query_as(
             r#"
             select
-                answer.run_id, answer.position, run.version_id, run.state as run_state, step.block, step.question,
-                problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
-                answer.shown_at_ms, answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
-                answer.input, answer.hidden_ms, run.source
+                run.id as run_id, step.position, run.version_id, run.state as run_state, step.block, step.question,
+                problem.cell, answer.action, ifnull(answer.status, 'skipped') as status,
+                ifnull(answer.is_counted, 0) as is_counted, step.is_fitted, step.is_practice,
+                iif(answer.event_id is null, run.shown_at_ms, answer.shown_at_ms) as shown_at_ms,
+                answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
+                step.limit_ms as step_limit_ms, run.time_factor, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
-            cross join answer on answer.run_id = run.id
-            cross join step on step.run_id = answer.run_id and step.position = answer.position
-            left join problem on problem.id = answer.problem_id
+            cross join step on step.run_id = run.id
+            left join answer on answer.run_id = step.run_id and answer.position = step.position
+            left join problem on problem.id = step.problem_id
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and run.id >= ?3
-            and (run.id > ?3 or answer.position > ?4)
+            and (run.id > ?3 or step.position > ?4)
             and step.kind = 'choice'
-            order by run.id, answer.position
+            and (
+                answer.event_id is not null
+                or (step.position = run.position and run.shown_at_ms is not null and run.state <> 'active')
+            )
+            order by run.id, step.position
             limit ?5
             "#,
         )
@@ -178,7 +188,7 @@ impl Store {
         .bind(limit)
         .fetch_all(&self.pool)
         .await?;
-        Ok(rows.into_iter().map(|row| row.answer(population)).collect())
+        rows.into_iter().map(|row| row.answer(population)).collect()
     }
 
     /// How often each answer was given to a field of a form.
@@ -242,9 +252,14 @@ impl Store {
 }
 
 impl ExportRow {
-    fn answer(self, population: Population) -> AnswerRow {
+    fn answer(self, population: Population) -> Result<AnswerRow, Error> {
         let millis = |stored: Option<i64>| stored.and_then(|stored| u64::try_from(stored).ok());
-        AnswerRow {
+        let factor = time_factor(self.time_factor)?;
+        let limit_ms = millis(self.limit_ms).or_else(|| {
+            let limit_ms = millis(self.step_limit_ms)?;
+            Some(Deadline::new(limit_ms, factor, DEFAULT_GRACE_MS).limit_ms())
+        });
+        Ok(AnswerRow {
             key: AnswerKey {
                 run: self.run_id,
                 position: self.position,
@@ -260,15 +275,15 @@ impl ExportRow {
             is_fitted: self.is_fitted,
             is_practice: self.is_practice,
             shown_at: self.shown_at_ms.map(Timestamp),
-            answered_at: Timestamp(self.answered_at_ms),
+            answered_at: self.answered_at_ms.map(Timestamp),
             server_ms: millis(self.server_ms),
             client_rt_ms: millis(self.client_rt_ms),
-            limit_ms: millis(self.limit_ms),
+            limit_ms,
             input: self.input,
             hidden_ms: millis(self.hidden_ms),
             source: self.source,
             population,
-        }
+        })
     }
 }
 

@@ -24,6 +24,8 @@ pub struct ParticipantRow {
     pub time_factor: f64,
     /// When the run began.
     pub started_at: Timestamp,
+    /// The last step that was shown: how far the person came. None where nothing was, and of whoever withdrew.
+    pub last_position: Option<u32>,
     /// When it ended.
     pub finished_at: Option<Timestamp>,
     /// The recruiting platform, if the link named one.
@@ -36,7 +38,7 @@ pub struct ParticipantRow {
     pub bonus: Option<f64>,
 }
 
-/// A closed step of any kind.
+/// A step of any kind that was shown.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StepAnswer {
     /// The participant's number.
@@ -47,8 +49,8 @@ pub struct StepAnswer {
     pub question: Option<QuestionId>,
     /// The action, where one was chosen.
     pub action: Option<ActionId>,
-    /// What became of the step.
-    pub status: AnswerStatus,
+    /// What became of the step; none if it is not closed: it is on the person's screen, or was when they left.
+    pub status: Option<AnswerStatus>,
     /// Milliseconds on the server's clock.
     pub server_ms: Option<u64>,
     /// The response time that the page measured.
@@ -69,6 +71,7 @@ struct StoredParticipant {
     time_factor: f64,
     started_at_ms: i64,
     finished_at_ms: Option<i64>,
+    last_position: Option<u32>,
     platform: Option<String>,
     platform_key: Option<String>,
     recruiting: Option<String>,
@@ -81,8 +84,7 @@ struct StoredStepAnswer {
     block: String,
     question: Option<String>,
     action: Option<String>,
-    #[sqlx(try_from = "String")]
-    status: AnswerStatus,
+    status: Option<String>,
     server_ms: Option<i64>,
     client_rt_ms: Option<i64>,
     value: Option<String>,
@@ -105,7 +107,13 @@ impl Store {
             r#"
             select
                 run.id, run.version_id, run.state, run.condition, run.source, run.language, run.time_factor,
-                run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
+                run.started_at_ms, run.finished_at_ms,
+                case
+                    when run.state = 'withdrawn' then null
+                    when run.shown_at_ms is not null then run.position
+                    when run.position > 0 then run.position - 1
+                end as last_position,
+                run.platform, run.platform_key, run.recruiting,
                 bonus.amount as bonus
             from run
             left join bonus on bonus.run_id = run.id
@@ -124,7 +132,7 @@ impl Store {
         rows.into_iter().map(StoredParticipant::row).collect()
     }
 
-    /// All closed steps of the participants from `first` to `last`, by participant, then in the order of the run.
+    /// All steps that were shown to the participants from `first` to `last`, by participant, then in the order of the run.
     ///
     /// # Errors
     /// When the database fails.
@@ -138,15 +146,19 @@ impl Store {
         let rows: Vec<StoredStepAnswer> = sqlx::query_as(
             r#"
             select
-                answer.run_id, step.block, step.question, answer.action, answer.status, answer.server_ms,
+                run.id as run_id, step.block, step.question, answer.action, answer.status, answer.server_ms,
                 answer.client_rt_ms, answer.value
             from run
             -- cross join: runs in order first, so that nothing is sorted
-            cross join answer on answer.run_id = run.id
-            cross join step on step.run_id = answer.run_id and step.position = answer.position
+            cross join step on step.run_id = run.id
+            left join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
             and run.id between ? and ?
-            order by run.id, answer.position
+            and (
+                answer.event_id is not null
+                or (step.position = run.position and run.shown_at_ms is not null)
+            )
+            order by run.id, step.position
             "#,
         )
         .bind(study.as_str())
@@ -155,7 +167,7 @@ impl Store {
         .bind(last)
         .fetch_all(&self.pool)
         .await?;
-        Ok(rows.into_iter().map(StepAnswer::from).collect())
+        rows.into_iter().map(StoredStepAnswer::answer).collect()
     }
 }
 
@@ -177,6 +189,7 @@ impl StoredParticipant {
             time_factor: self.time_factor,
             started_at: Timestamp(self.started_at_ms),
             finished_at: self.finished_at_ms.map(Timestamp),
+            last_position: self.last_position,
             platform: self.platform,
             platform_key: self.platform_key,
             recruiting,
@@ -185,18 +198,19 @@ impl StoredParticipant {
     }
 }
 
-impl From<StoredStepAnswer> for StepAnswer {
-    fn from(row: StoredStepAnswer) -> Self {
+impl StoredStepAnswer {
+    fn answer(self) -> Result<StepAnswer, Error> {
         let millis = |stored: Option<i64>| stored.and_then(|stored| u64::try_from(stored).ok());
-        Self {
-            run: row.run_id,
-            block: row.block.into(),
-            question: row.question.map(QuestionId::from),
-            action: row.action.map(ActionId::from),
-            status: row.status,
-            server_ms: millis(row.server_ms),
-            client_rt_ms: millis(row.client_rt_ms),
-            value: row.value,
-        }
+        let status = self.status.map(|status| status.parse()).transpose();
+        Ok(StepAnswer {
+            run: self.run_id,
+            block: self.block.into(),
+            question: self.question.map(QuestionId::from),
+            action: self.action.map(ActionId::from),
+            status: status.map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
+            server_ms: millis(self.server_ms),
+            client_rt_ms: millis(self.client_rt_ms),
+            value: self.value,
+        })
     }
 }

@@ -15,6 +15,7 @@ mod crash;
 mod crowd;
 mod cups;
 mod evidence;
+mod export_shown;
 mod export_versions;
 mod exports;
 mod fit;

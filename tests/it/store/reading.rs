@@ -130,7 +130,7 @@ async fn a_row_of_the_export_says_what_was_asked_answered_and_measured() {
     );
     assert_eq!(
         (row.shown_at, row.answered_at),
-        (Some(shown_at), lab.clock.now())
+        (Some(shown_at), Some(lab.clock.now()))
     );
     assert_eq!(
         (row.server_ms, row.client_rt_ms, row.limit_ms),

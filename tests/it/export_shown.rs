@@ -1,0 +1,201 @@
+//! Exports of people who stop on the way, practise, or have more time: what was shown, what counts, and under which version.
+
+use std::collections::BTreeMap;
+
+use riskaware::clock::Clock;
+use serde_json::Value;
+
+use crate::app::{App, Participant, START};
+
+const STUDY: &str = r#"
+format = 1
+open = true
+id = "stops"
+title = "Stops"
+summary = "A study that people leave"
+minutes = 2
+contact = "the team"
+reward_unit = { name = "points" }
+
+[recruiting]
+time_limit_min = 30
+
+[[factor]]
+id = "weather"
+label = "Weather"
+level = [{ id = "wet", label = "Wet" }, { id = "dry", label = "Dry" }]
+
+[[factor]]
+id = "pace"
+label = "Pace"
+level = [{ id = "slow", label = "Slow" }]
+
+[[action]]
+id = "sure"
+label = "Sure"
+outcomes = [{ p = 1, reward = 5 }]
+[[action]]
+id = "risky"
+label = "Risky"
+outcomes = [{ p = 0.5, reward = 12 }, { p = "rest", reward = -6 }]
+
+[question]
+text = "Which?"
+
+[[block]]
+kind = "info"
+id = "welcome"
+title = "Welcome"
+text = "Hello."
+button = "Go on"
+
+[[block]]
+kind = "choice"
+id = "warm-up"
+practice = true
+title = "Practice"
+[[block.question]]
+id = "try"
+levels = { weather = "dry" }
+
+[[block]]
+kind = "choice"
+id = "timed"
+limit_s = 8
+title = "Choose"
+levels = { pace = "slow" }
+[[block.group]]
+cross = { weather = ["wet", "dry"] }
+
+[[block]]
+kind = "form"
+id = "about"
+title = "About"
+button = "Finish"
+[[block.field]]
+id = "mood"
+kind = "text"
+label = "Your mood?"
+
+[completion]
+title = "Done"
+text = "Thanks."
+"#;
+
+async fn serve() -> App {
+    let files = vec![("stops.toml".to_owned(), STUDY.to_owned())];
+    App::with(Clock::manual(START), files).await
+}
+
+async fn text(app: &App, path: &str) -> String {
+    let url = format!("{}/api/v1/studies/stops/{path}", app.url);
+    let response = app.client.get(url).send().await.unwrap();
+    assert!(response.status().is_success(), "{path}");
+    response.text().await.unwrap()
+}
+
+async fn table(app: &App, path: &str) -> Vec<BTreeMap<String, String>> {
+    csv::Reader::from_reader(text(app, path).await.as_bytes())
+        .deserialize()
+        .collect::<Result<_, _>>()
+        .unwrap()
+}
+
+async fn lines(app: &App) -> Vec<Value> {
+    let text = text(app, "answers.ndjson").await;
+    text.lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .collect()
+}
+
+/// Somebody who is at a question of this block.
+async fn at(app: &App, block: &str, link: &str) -> Participant {
+    let mut person = app.participant_of(&format!("/s/stops{link}")).await;
+    person
+        .proceeds("sure", |person| person.block().as_deref() == Some(block))
+        .await;
+    person
+}
+
+#[tokio::test]
+async fn a_question_that_was_left_has_a_row_when_the_run_is_over() {
+    let app = serve().await;
+    let leaves = at(&app, "warm-up", "").await;
+    // What is on a screen may still be answered.
+    assert_eq!(table(&app, "answers.csv").await.len(), 0);
+    let wide = table(&app, "export/wide.csv").await;
+    assert_eq!(wide[0]["warm-up.try.status"], "open");
+    assert_eq!(wide[0]["last_position"], "1");
+    app.clock.advance(30 * 60_000 + 1_000);
+    assert_eq!(app.store.close_overdue().await.unwrap(), 1);
+    let stays = at(&app, "warm-up", "").await;
+    let left = table(&app, "answers.csv").await;
+    assert_eq!(left.len(), 1);
+    for (name, value) in [
+        ("run_state", "timed_out"),
+        ("question", "try"),
+        ("position", "1"),
+        ("status", "skipped"),
+        ("action", ""),
+        ("shown_at_ms", &START.0.to_string()),
+        ("answered_at_ms", ""),
+        ("server_ms", ""),
+    ] {
+        assert_eq!(left[0][name], value, "{name}");
+    }
+    let wide = table(&app, "export/wide.csv").await;
+    let told = |row: usize, name: &str| wide[row][name].clone();
+    assert_eq!(told(0, "warm-up.try.status"), "skipped");
+    assert_eq!(told(0, "timed.wet.status"), "not_shown");
+    assert_eq!(told(0, "about.status"), "not_shown");
+    assert_eq!(told(0, "last_position"), "1");
+    assert_eq!(told(1, "warm-up.try.status"), "open");
+    // It is no choice, and nothing that the checks of a database complain about.
+    let rows = app
+        .store
+        .answers(
+            &"stops".into(),
+            riskaware::store::Population::People,
+            riskaware::store::AnswerKey::START,
+            10,
+        )
+        .await
+        .unwrap();
+    assert!(rows.iter().all(|row| !row.is_counted));
+    assert_eq!(app.store.check_answers().await.unwrap(), []);
+    assert_eq!(app.store.check_counters().await.unwrap(), []);
+    app.store.withdraw(&leaves.token()).await.unwrap();
+    app.store.withdraw(&stays.token()).await.unwrap();
+    assert_eq!(table(&app, "answers.csv").await.len(), 0);
+    let wide = table(&app, "export/wide.csv").await;
+    assert_eq!(wide[0]["last_position"], "");
+    assert_eq!(wide[0]["warm-up.try.status"], "withdrawn");
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn pages_of_questions_go_on_after_one_that_was_left() {
+    let app = serve().await;
+    for _ in 0..3 {
+        at(&app, "warm-up", "").await;
+    }
+    app.clock.advance(30 * 60_000 + 1_000);
+    app.store.close_overdue().await.unwrap();
+    let mut after = riskaware::store::AnswerKey::START;
+    for _ in 0..3 {
+        let page = app
+            .store
+            .answers(
+                &"stops".into(),
+                riskaware::store::Population::People,
+                after,
+                1,
+            )
+            .await
+            .unwrap();
+        assert_eq!(page.len(), 1);
+        assert!(page[0].key > after);
+        after = page[0].key;
+    }
+    app.stop().await;
+}
