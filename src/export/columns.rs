@@ -367,7 +367,7 @@ fn before_factors(export: &Export) -> Vec<Column> {
             "problem",
             "Choice problem",
             ColumnKind::Text,
-            "The cell's id (its levels joined by /), or block:question outside the design; the `problem` of fits",
+            "The cell's id (its levels joined by /), or block:question outside the design, as of practice; the `problem` of fits",
         ),
     ]
 }

@@ -30,6 +30,10 @@ pub struct Answer<'a> {
     #[schema(value_type = Option<String>)]
     action: Option<&'a str>,
     status: AnswerStatus,
+    /// Whether it is in the counts: no practice, and no extra time for a timed question.
+    counted: bool,
+    /// Whether the question was for practice.
+    practice: bool,
     shown_at_ms: Option<i64>,
     answered_at_ms: Option<i64>,
     server_ms: Option<u64>,
@@ -38,6 +42,11 @@ pub struct Answer<'a> {
     #[schema(value_type = Option<String>)]
     input: Option<&'a str>,
     hidden_ms: Option<u64>,
+    /// What time limits were multiplied by for this person.
+    time_factor: f64,
+    /// The levels of the factors that differ between people, joined by `/`.
+    #[schema(value_type = Option<String>)]
+    condition: Option<&'a str>,
     #[schema(value_type = Option<String>)]
     source: Option<&'a str>,
     simulated: bool,
@@ -54,10 +63,13 @@ impl<'a> Answer<'a> {
             .problem
             .clone()
             .unwrap_or_else(|| format!("{}:{question}", row.block));
-        let levels = study
-            .cell(&problem)
-            .map(|cell| cell.levels.as_slice())
-            .unwrap_or_default();
+        // In the order of the file; what only another version has comes last.
+        let of_study = study.factors().iter().map(|factor| &factor.id);
+        let known = of_study.filter_map(|factor| row.levels.get_key_value(factor));
+        let others = row
+            .levels
+            .iter()
+            .filter(|(id, _)| study.factors().iter().all(|factor| factor.id != **id));
         Self {
             study: study.id().as_str(),
             version: row.version.get(),
@@ -66,13 +78,15 @@ impl<'a> Answer<'a> {
             block: row.block.as_str(),
             position: row.key.position,
             question,
-            levels: levels
-                .iter()
+            levels: known
+                .chain(others)
                 .map(|(factor, level)| (factor.to_string(), level.as_str()))
                 .collect(),
             problem,
             action: row.action.as_ref().map(|action| action.as_str()),
             status: row.status,
+            counted: row.is_counted,
+            practice: row.is_practice,
             shown_at_ms: row.shown_at.map(|at| at.0),
             answered_at_ms: row.answered_at.map(|at| at.0),
             server_ms: row.server_ms,
@@ -80,6 +94,8 @@ impl<'a> Answer<'a> {
             limit_ms: row.limit_ms,
             input: row.input.as_deref(),
             hidden_ms: row.hidden_ms,
+            time_factor: row.time_factor,
+            condition: row.condition.as_deref(),
             source: row.source.as_deref(),
             simulated: row.population.is_simulated(),
         }

@@ -1,11 +1,16 @@
 //! Answers one by one, for exports and summaries of forms.
 
+use std::collections::BTreeMap;
+
 use super::load::time_factor;
 use super::{
     AnalysisSet, AnswerStatus, Error, EventId, EventKind, Population, RunId, RunState, Store,
     Verdict, VersionId,
 };
-use crate::study::{ActionId, BlockId, DEFAULT_GRACE_MS, Deadline, QuestionId, StudyId, Timestamp};
+use crate::study::{
+    ActionId, BlockId, DEFAULT_GRACE_MS, Deadline, FactorId, LevelId, QuestionId, StudyId,
+    Timestamp,
+};
 
 /// Where an answer stands in an export: by run, then by step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -26,7 +31,7 @@ impl AnswerKey {
 
 /// A question that was shown, as the long CSV has it. A question that is on somebody's screen is not among them until it is
 /// closed, or until the run has ended without an answer to it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct AnswerRow {
     /// The participant's number and the position.
     pub key: AnswerKey,
@@ -40,6 +45,8 @@ pub struct AnswerRow {
     pub question: Option<QuestionId>,
     /// The cell's id, or `block:question` outside the design; none for practice questions.
     pub problem: Option<String>,
+    /// The levels that the question has; not all factors have one outside the design.
+    pub levels: BTreeMap<FactorId, LevelId>,
     /// The action, where one was chosen.
     pub action: Option<ActionId>,
     /// What became of the question.
@@ -64,6 +71,10 @@ pub struct AnswerRow {
     pub input: Option<String>,
     /// Milliseconds during which the page was hidden.
     pub hidden_ms: Option<u64>,
+    /// What time limits were multiplied by for this person.
+    pub time_factor: f64,
+    /// The levels of the between-subjects factors, joined by `/`; none in a study without such factors.
+    pub condition: Option<String>,
     /// Where the person came from.
     pub source: Option<String>,
     /// Real or simulated.
@@ -110,6 +121,7 @@ struct ExportRow {
     block: String,
     question: Option<String>,
     cell: Option<String>,
+    levels: Option<String>,
     action: Option<String>,
     #[sqlx(try_from = "String")]
     status: AnswerStatus,
@@ -123,6 +135,7 @@ struct ExportRow {
     limit_ms: Option<i64>,
     step_limit_ms: Option<i64>,
     time_factor: f64,
+    condition: Option<String>,
     input: Option<String>,
     hidden_ms: Option<i64>,
     source: Option<String>,
@@ -158,11 +171,11 @@ impl Store {
             r#"
             select
                 run.id as run_id, step.position, run.version_id, run.state as run_state, step.block, step.question,
-                problem.cell, answer.action, ifnull(answer.status, 'skipped') as status,
+                problem.cell, step.data -> '$.levels' as levels, answer.action, ifnull(answer.status, 'skipped') as status,
                 ifnull(answer.is_counted, 0) as is_counted, step.is_fitted, step.is_practice,
                 iif(answer.event_id is null, run.shown_at_ms, answer.shown_at_ms) as shown_at_ms,
                 answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
-                step.limit_ms as step_limit_ms, run.time_factor, answer.input, answer.hidden_ms, run.source
+                step.limit_ms as step_limit_ms, run.time_factor, run.condition, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
             cross join step on step.run_id = run.id
@@ -259,6 +272,7 @@ impl ExportRow {
             let limit_ms = millis(self.step_limit_ms)?;
             Some(Deadline::new(limit_ms, factor, DEFAULT_GRACE_MS).limit_ms())
         });
+        let levels = self.levels.as_deref().map(serde_json::from_str).transpose();
         Ok(AnswerRow {
             key: AnswerKey {
                 run: self.run_id,
@@ -269,6 +283,9 @@ impl ExportRow {
             block: self.block.into(),
             question: self.question.map(QuestionId::from),
             problem: self.cell,
+            levels: levels
+                .map_err(|err| sqlx::Error::Decode(err.into()))?
+                .unwrap_or_default(),
             action: self.action.map(ActionId::from),
             status: self.status,
             is_counted: self.is_counted,
@@ -281,6 +298,8 @@ impl ExportRow {
             limit_ms,
             input: self.input,
             hidden_ms: millis(self.hidden_ms),
+            time_factor: self.time_factor,
+            condition: self.condition,
             source: self.source,
             population,
         })

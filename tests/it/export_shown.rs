@@ -64,6 +64,11 @@ id = "timed"
 limit_s = 8
 title = "Choose"
 levels = { pace = "slow" }
+[block.start]
+title = "Now with a limit"
+text = "Eight seconds."
+button = "Go on"
+
 [[block.group]]
 cross = { weather = ["wet", "dry"] }
 
@@ -197,5 +202,32 @@ async fn pages_of_questions_go_on_after_one_that_was_left() {
         assert!(page[0].key > after);
         after = page[0].key;
     }
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn practice_and_extra_time_can_be_told_from_what_counts() {
+    let app = serve().await;
+    at(&app, "timed", "").await.sends("action", "risky").await;
+    let usual = lines(&app).await;
+    assert_eq!(usual[0]["question"], "try");
+    assert_eq!(
+        (&usual[0]["practice"], &usual[0]["counted"]),
+        (&true.into(), &false.into())
+    );
+    assert_eq!(
+        (&usual[1]["practice"], &usual[1]["counted"]),
+        (&false.into(), &true.into())
+    );
+    assert_eq!(usual[1]["condition"], Value::Null);
+    // A question outside the design has the levels that it names.
+    assert_eq!(usual[0]["levels"], serde_json::json!({ "weather": "dry" }));
+    let long = table(&app, "answers.csv").await;
+    assert_eq!(
+        (long[0]["weather"].as_str(), long[0]["pace"].as_str()),
+        ("dry", "")
+    );
+    assert_eq!(long[0]["problem"], "warm-up:try");
+    assert_eq!(usual[1]["time_factor"], 1.0);
     app.stop().await;
 }

@@ -215,7 +215,7 @@ b,explicit/untimed/high,stop,answered,,soon
         "line 6, column server_ms",
         "line 7, column status: found `answered`; allowed: late",
         "line 8, column problem: found `explicit/untimed/low`; allowed: one answer per",
-        "line 9, column status: found `skipped`",
+        "line 9, column action: found `stop`",
         "line 10, column answered_at_ms: found `soon`",
     ] {
         assert!(told.contains(expected), "{expected} in {told}");

@@ -762,7 +762,7 @@ fn a_factor_with_the_name_of_another_column_of_the_data_is_refused() {
         check(
             "id = \"gamble\"\nlabel",
             &named.replace("gamble", name),
-            "factor[0].id",
+            &format!("factor[{name}].id"),
             &format!("`{name}`, which is the name of another column"),
             "another id than study, version",
         );
