@@ -19,6 +19,11 @@ const PAGE_ROWS: u32 = 2_000;
 pub struct Answer<'a> {
     study: &'a str,
     version: i64,
+    /// SHA-256 of the study file under which the participant began.
+    study_version_hash: &'a str,
+    /// The program under which the run was taken.
+    #[schema(value_type = Option<String>)]
+    program_version: Option<&'a str>,
     participant: i64,
     run_state: RunState,
     block: &'a str,
@@ -73,6 +78,8 @@ impl<'a> Answer<'a> {
         Self {
             study: study.id().as_str(),
             version: row.version.get(),
+            study_version_hash: &row.study_version_hash,
+            program_version: row.program_version.as_deref(),
             participant: row.key.run.get(),
             run_state: row.run_state,
             block: row.block.as_str(),

@@ -136,6 +136,8 @@ impl<'a> Row<'a> {
         match &column.cell {
             WideCell::Study => text(self.export.study.id().as_str()),
             WideCell::Version => participant.version.to_string(),
+            WideCell::VersionHash => participant.study_version_hash.clone(),
+            WideCell::ProgramVersion => words(participant.program_version.as_deref()),
             WideCell::Participant => participant.run.to_string(),
             WideCell::RunState => participant.state.to_string(),
             WideCell::Condition => words(participant.condition.as_deref()),

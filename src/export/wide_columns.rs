@@ -23,6 +23,8 @@ pub(super) struct WideColumn {
 pub(super) enum WideCell {
     Study,
     Version,
+    VersionHash,
+    ProgramVersion,
     Participant,
     RunState,
     Condition,
@@ -130,6 +132,25 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
     let mut columns = vec![
         plain(study_column(export), WideCell::Study),
         plain(version_column(export), WideCell::Version),
+        plain(
+            Column::new(
+                "study_version_hash",
+                "Hash of the study file",
+                ColumnKind::Text,
+                "SHA-256 of the study file under which the participant began: it tells versions apart across databases",
+            ),
+            WideCell::VersionHash,
+        ),
+        plain(
+            Column::new(
+                "program_version",
+                "Version of the program",
+                ColumnKind::Text,
+                "The riskaware under which the participant began; empty where they answered elsewhere, or before the program kept it",
+            )
+            .missing_as(&[NOT_MEASURED]),
+            WideCell::ProgramVersion,
+        ),
         plain(participant_column(), WideCell::Participant),
         plain(run_state_column(), WideCell::RunState),
         plain(

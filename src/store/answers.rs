@@ -37,6 +37,10 @@ pub struct AnswerRow {
     pub key: AnswerKey,
     /// The version of the study file.
     pub version: VersionId,
+    /// SHA-256 of that file.
+    pub study_version_hash: String,
+    /// The program under which the run was taken; none where that is not known, or it was taken elsewhere.
+    pub program_version: Option<String>,
     /// The state of the run now.
     pub run_state: RunState,
     /// The block.
@@ -116,6 +120,8 @@ struct ExportRow {
     run_id: RunId,
     position: u32,
     version_id: VersionId,
+    study_version_hash: String,
+    program_version: Option<String>,
     #[sqlx(try_from = "String")]
     run_state: RunState,
     block: String,
@@ -170,7 +176,8 @@ impl Store {
         let rows: Vec<ExportRow> = sqlx::query_as(
             r#"
             select
-                run.id as run_id, step.position, run.version_id, run.state as run_state, step.block, step.question,
+                run.id as run_id, step.position, run.version_id, study_version.hash as study_version_hash,
+                run.program_version, run.state as run_state, step.block, step.question,
                 problem.cell, step.data -> '$.levels' as levels, answer.action, ifnull(answer.status, 'skipped') as status,
                 ifnull(answer.is_counted, 0) as is_counted, step.is_fitted, step.is_practice,
                 iif(answer.event_id is null, run.shown_at_ms, answer.shown_at_ms) as shown_at_ms,
@@ -178,6 +185,7 @@ impl Store {
                 step.limit_ms as step_limit_ms, run.time_factor, run.condition, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
+            cross join study_version on study_version.id = run.version_id
             cross join step on step.run_id = run.id
             left join answer on answer.run_id = step.run_id and answer.position = step.position
             left join problem on problem.id = step.problem_id
@@ -279,6 +287,8 @@ impl ExportRow {
                 position: self.position,
             },
             version: self.version_id,
+            study_version_hash: self.study_version_hash,
+            program_version: self.program_version,
             run_state: self.run_state,
             block: self.block.into(),
             question: self.question.map(QuestionId::from),

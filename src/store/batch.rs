@@ -262,6 +262,7 @@ impl Batch {
             expires_at: start
                 .time_limit_ms
                 .map(|limit_ms| start.at.0.saturating_add(limit_ms)),
+            program_version: Some(env!("CARGO_PKG_VERSION")),
             at: start.at.0,
         });
         for (position, step) in (0..).zip(&candidate.steps) {

@@ -337,6 +337,7 @@ async fn begin(
             // Whoever answered elsewhere was assigned to no condition here.
             condition: None,
             expires_at: None,
+            program_version: None,
             at: judged.started_at.0,
         });
         for (position, step) in (0..).zip(&judged.steps) {

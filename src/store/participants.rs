@@ -12,6 +12,10 @@ pub struct ParticipantRow {
     pub run: RunId,
     /// The version of the study file.
     pub version: VersionId,
+    /// SHA-256 of that file.
+    pub study_version_hash: String,
+    /// The program under which the run was taken; none where that is not known, or it was taken elsewhere.
+    pub program_version: Option<String>,
     /// How far the run is.
     pub state: RunState,
     /// The levels of the between-subjects factors, joined by `/`; none in a study without such factors.
@@ -63,6 +67,8 @@ pub struct StepAnswer {
 struct StoredParticipant {
     id: RunId,
     version_id: VersionId,
+    study_version_hash: String,
+    program_version: Option<String>,
     #[sqlx(try_from = "String")]
     state: RunState,
     condition: Option<String>,
@@ -106,7 +112,7 @@ impl Store {
         let rows: Vec<StoredParticipant> = sqlx::query_as(
             r#"
             select
-                run.id, run.version_id, run.state, run.condition, run.source, run.language, run.time_factor,
+                run.id, run.version_id, study_version.hash as study_version_hash, run.program_version, run.state, run.condition, run.source, run.language, run.time_factor,
                 run.started_at_ms, run.finished_at_ms,
                 case
                     when run.state = 'withdrawn' then null
@@ -116,6 +122,7 @@ impl Store {
                 run.platform, run.platform_key, run.recruiting,
                 bonus.amount as bonus
             from run
+            join study_version on study_version.id = run.version_id
             left join bonus on bonus.run_id = run.id
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
             and run.id > ?
@@ -182,6 +189,8 @@ impl StoredParticipant {
         Ok(ParticipantRow {
             run: self.id,
             version: self.version_id,
+            study_version_hash: self.study_version_hash,
+            program_version: self.program_version,
             state: self.state,
             condition: self.condition,
             source: self.source,

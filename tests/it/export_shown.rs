@@ -231,3 +231,48 @@ async fn practice_and_extra_time_can_be_told_from_what_counts() {
     assert_eq!(usual[1]["time_factor"], 1.0);
     app.stop().await;
 }
+
+#[tokio::test]
+async fn every_answer_names_the_study_file_and_the_program() {
+    let app = serve().await;
+    at(&app, "timed", "").await;
+    let study = riskaware::study::Study::parse("stops.toml", STUDY).unwrap();
+    let wide = table(&app, "export/wide.csv").await;
+    assert_eq!(wide[0]["study_version_hash"], study.hash());
+    assert_eq!(wide[0]["program_version"], env!("CARGO_PKG_VERSION"));
+    let lines = lines(&app).await;
+    assert_eq!(lines.len(), 1);
+    assert_eq!(lines[0]["study_version_hash"], study.hash());
+    assert_eq!(lines[0]["program_version"], env!("CARGO_PKG_VERSION"));
+    // What was answered elsewhere was not asked by this program.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("earlier.csv");
+    std::fs::write(
+        &file,
+        "participant,problem,action,client_rt_ms\na,wet/slow,sure,1500\n",
+    )
+    .unwrap();
+    let output = crate::program::riskaware(
+        &[
+            "import",
+            "stops",
+            "--file",
+            file.to_str().unwrap(),
+            "--source",
+            "lab",
+            "--database",
+            app.store.path().to_str().unwrap(),
+        ],
+        "",
+    );
+    assert!(
+        output.status.success(),
+        "{}",
+        crate::program::stderr(&output)
+    );
+    let wide = table(&app, "export/wide.csv").await;
+    assert_eq!(wide[1]["source"], "lab");
+    assert_eq!(wide[1]["program_version"], "");
+    assert_eq!(wide[1]["study_version_hash"], study.hash());
+    app.stop().await;
+}
