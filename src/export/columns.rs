@@ -6,6 +6,7 @@ use std::collections::BTreeSet;
 use serde::Serialize;
 
 use super::Export;
+use crate::store::VersionId;
 use crate::study::step::InputDevice;
 use crate::study::{Asks, Study};
 
@@ -50,7 +51,7 @@ pub struct Column {
 }
 
 /// What the cells of a column are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ColumnKind {
     /// Words.
@@ -94,6 +95,16 @@ impl Level {
             label: label.into(),
         }
     }
+
+    /// Notes what another version calls it.
+    fn also_called(&mut self, label: &str, version: VersionId) {
+        let is_told = self.label == label
+            || self.label.starts_with(&format!("{label} (in version "))
+            || self.label.ends_with(&format!(": {label})"));
+        if !is_told {
+            self.label = format!("{} (in version {version}: {label})", self.label);
+        }
+    }
 }
 
 impl Column {
@@ -111,6 +122,25 @@ impl Column {
             kind,
             levels: Vec::new(),
             missing: Vec::new(),
+        }
+    }
+
+    /// Adds what another version of the study knows of the same column.
+    pub(super) fn join(&mut self, other: Self, version: VersionId) {
+        for level in other.levels {
+            match self
+                .levels
+                .iter_mut()
+                .find(|known| known.code == level.code)
+            {
+                Some(known) => known.also_called(&level.label, version),
+                None => self.levels.push(level),
+            }
+        }
+        for missing in other.missing {
+            if !self.missing.contains(&missing) {
+                self.missing.push(missing);
+            }
         }
     }
 

@@ -6,7 +6,7 @@
 //!
 //! * [`Export`]: a study's data, ready to be written in any [`Form`];
 //! * `versions`: study files as they were when people answered;
-//! * [`Codebook`] (`codebook`, `columns`, `wide_columns`): every column of the tables, from which their headers come too;
+//! * [`Codebook`] (`codebook`, `columns`, `wide_columns`, `step_columns`): every column of the tables, from which their headers come too;
 //! * `long`, `wide`, `bonus`: the tables; `cell`: what a cell may hold;
 //! * `psych_ds`, `archive`: one archive of everything, in the form of the Psych-DS standard.
 
@@ -17,6 +17,7 @@ mod codebook;
 mod columns;
 mod long;
 mod psych_ds;
+mod step_columns;
 mod versions;
 mod wide;
 mod wide_columns;
@@ -179,9 +180,7 @@ impl Export {
 
     /// All readable versions of the study, the current one first: what it asks now comes first in every table.
     fn versions_current_first(&self) -> impl Iterator<Item = &Study> {
-        let earlier = self.versions.iter().map(|(_, study)| study);
-        std::iter::once(self.study())
-            .chain(earlier.filter(|study| study.hash() != self.study.hash()))
+        self.versions.current_first().map(|(_, study)| study)
     }
 
     /// Every column of the tables.

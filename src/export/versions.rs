@@ -10,7 +10,7 @@ use crate::study::{Study, StudyId};
 /// All readable versions of a study, the oldest first.
 #[derive(Debug, Clone)]
 pub(super) struct Versions {
-    current: Arc<Study>,
+    current: (VersionId, Arc<Study>),
     studies: BTreeMap<VersionId, Arc<Study>>,
     stored: Arc<Vec<StudyVersion>>,
 }
@@ -42,7 +42,10 @@ impl Versions {
             }
         }
         Ok(Self {
-            current: current_study.ok_or(crate::store::Error::NotFound("study version"))?,
+            current: (
+                current,
+                current_study.ok_or(crate::store::Error::NotFound("study version"))?,
+            ),
             studies,
             stored: Arc::new(stored),
         })
@@ -50,12 +53,28 @@ impl Versions {
 
     /// The version that new participants get.
     pub(super) fn current(&self) -> &Arc<Study> {
-        &self.current
+        &self.current.1
     }
 
     /// The study as it was in a version.
     pub(super) fn of(&self, version: VersionId) -> &Study {
-        self.studies.get(&version).unwrap_or(&self.current)
+        self.studies.get(&version).unwrap_or(&self.current.1)
+    }
+
+    /// The version itself where it is readable, else the current one, whose labels stand for it.
+    pub(super) fn readable(&self, version: VersionId) -> VersionId {
+        if self.studies.contains_key(&version) {
+            version
+        } else {
+            self.current.0
+        }
+    }
+
+    /// The readable versions, the current one first: what it asks now comes first in every table.
+    pub(super) fn current_first(&self) -> impl Iterator<Item = (VersionId, &Study)> {
+        let (current, study) = &self.current;
+        let others = self.iter().filter(move |(version, _)| version != current);
+        std::iter::once((*current, study.as_ref())).chain(others)
     }
 
     /// The readable versions by id.

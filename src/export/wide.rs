@@ -167,11 +167,11 @@ impl<'a> Row<'a> {
                     .store
                     .plain_platform_id(self.export.study.id(), participant),
             ),
-            WideCell::Step(key, cell) => self.of_step(key, cell),
+            WideCell::Step(key, cell) => self.of_step(column, key, cell),
         }
     }
 
-    fn of_step(&self, key: &StepKey, cell: &StepCell) -> String {
+    fn of_step(&self, column: &WideColumn, key: &StepKey, cell: &StepCell) -> String {
         let Some((answer, members)) = self.steps.get(key) else {
             return match cell {
                 StepCell::Status if self.participant.state == RunState::Withdrawn => {
@@ -188,6 +188,11 @@ impl<'a> Row<'a> {
                 | StepCell::Passed(_) => String::new(),
             };
         };
+        // Where the version asks for something of another kind under this name, that is a column of its own.
+        let version = self.export.versions.readable(self.participant.version);
+        if *cell != StepCell::Status && !column.versions.contains(&version) {
+            return String::new();
+        }
         match cell {
             StepCell::Action => answer
                 .action

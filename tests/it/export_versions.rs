@@ -134,8 +134,89 @@ async fn a_scale_that_was_changed_scores_nobody_who_answered_before() {
         .replace("Choose 2.\", expected = 2", "Choose 3.\", expected = 3");
     let files = vec![("moods.toml".to_owned(), changed)];
     Catalogue::publish(&app.store, files).await.unwrap();
+    // The scale of seven points is the column of that name now, and the one of five points another one.
     let after = only_row(&bytes(&app, "wide.csv").await);
-    assert_eq!(after, before);
+    assert_eq!(after["about.fears"], "");
+    assert_eq!(after["about.fears_2"], "2");
+    assert_eq!(after["about.fears.score"], "");
+    assert_eq!(after["about.fears.score_2"], "4");
+    assert_eq!(after["about.agree.passed"], "true");
+    let columns = described(&app).await;
+    assert_eq!(
+        codes(&columns, "about.fears"),
+        ["1", "2", "3", "4", "5", "6", "7"]
+    );
+    assert_eq!(codes(&columns, "about.fears_2"), ["1", "2", "3", "4", "5"]);
+    app.stop().await;
+}
+
+/// The columns of the wide table as the codebook describes them.
+async fn described(app: &App) -> Vec<Value> {
+    let codebook: Value = serde_json::from_slice(&bytes(app, "codebook.json").await).unwrap();
+    codebook["tables"][1]["columns"].as_array().unwrap().clone()
+}
+
+fn codes(columns: &[Value], name: &str) -> Vec<String> {
+    levels(columns, name, "code")
+}
+
+fn levels(columns: &[Value], name: &str, what: &str) -> Vec<String> {
+    let column = columns.iter().find(|column| column["name"] == name);
+    let levels = column.unwrap_or_else(|| panic!("no column {name}"))["levels"].as_array();
+    levels
+        .unwrap()
+        .iter()
+        .map(|level| level[what].as_str().unwrap().to_owned())
+        .collect()
+}
+
+#[tokio::test]
+async fn a_column_knows_the_levels_of_all_versions() {
+    let app = with_an_answer().await;
+    // The action that was chosen is gone, the other one has another name, and a field has become another kind.
+    let changed = STUDY
+        .replace(
+            "id = \"sure\"\nlabel = \"Sure\"",
+            "id = \"safe\"\nlabel = \"Safe\"",
+        )
+        .replace("label = \"Risky\"", "label = \"Bold\"")
+        .replace("kind = \"text\"", "kind = \"integer\"\nmin = 1\nmax = 3");
+    let files = vec![("moods.toml".to_owned(), changed)];
+    Catalogue::publish(&app.store, files).await.unwrap();
+    let row = only_row(&bytes(&app, "wide.csv").await);
+    assert_eq!(row["lotteries.one.action"], "sure");
+    let columns = described(&app).await;
+    let name = "lotteries.one.action";
+    assert_eq!(codes(&columns, name), ["safe", "risky", "sure"]);
+    let labels = levels(&columns, name, "label");
+    assert!(
+        labels[1].starts_with("Bold (in version ") && labels[1].ends_with(": Risky)"),
+        "{labels:?}"
+    );
+    // `about.status` is the status of the form.
+    let kinds: Vec<(&str, &str)> = columns
+        .iter()
+        .filter_map(|column| {
+            let name = column["name"].as_str().unwrap();
+            name.starts_with("about.status")
+                .then(|| (name, column["type"].as_str().unwrap()))
+        })
+        .collect();
+    assert_eq!(
+        kinds,
+        [
+            ("about.status", "level"),
+            ("about.status_2", "integer"),
+            ("about.status_3", "text")
+        ]
+    );
+    assert_eq!(
+        (
+            row["about.status_2"].as_str(),
+            row["about.status_3"].as_str()
+        ),
+        ("", "fine")
+    );
     app.stop().await;
 }
 
