@@ -223,7 +223,7 @@ fn texts(study: &Study) -> String {
             contents.text_html.unwrap_or(""),
         );
         match contents.asks {
-            Asks::Nothing | Asks::Consent(_) => {}
+            Asks::Nothing | Asks::Replays(_) | Asks::Consent(_) => {}
             Asks::Choices { questions, .. } => {
                 for question in questions {
                     let actions: String = question

@@ -4,8 +4,10 @@ use super::columns::{
     Column, ColumnKind, Level, NOT_ANSWERED, NOT_MEASURED, NOT_SHOWN, OPEN, SKIPPED, TIMED_OUT,
     WITHDRAWN, answer_statuses, missing_meaning,
 };
-use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
-use crate::study::step::{ActionView, Clause, Field, FieldKind, FieldOption, FormStep, LikertItem};
+use super::wide_columns::{ReplayCell, StepCell, StepKey, WideCell, WideColumn};
+use crate::study::step::{
+    ActionView, Clause, Field, FieldKind, FieldOption, FormStep, LikertItem, NamedReplay,
+};
 use crate::study::{BlockId, QuestionId};
 
 fn step(block: &BlockId, question: Option<&QuestionId>, cell: StepCell) -> WideCell {
@@ -53,6 +55,82 @@ pub(super) fn consent(block: &BlockId, clauses: &[Clause]) -> Vec<WideColumn> {
         )
     }));
     columns
+}
+
+/// How long somebody was on the page of a block.
+pub(super) fn page_time(block: &BlockId, title: &str) -> WideColumn {
+    WideColumn::new(
+        Column::new(
+            format!("{block}.server_ms"),
+            format!("{title}: time on the page"),
+            ColumnKind::Integer,
+            format!(
+                "From showing the page of {block} to leaving it on the server's clock, the network and all attempts at a check \
+                 included; of a block of questions it is the page before them"
+            ),
+        )
+        .in_unit("ms")
+        .missing_as(&[NOT_MEASURED, SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN]),
+        step(block, None, StepCell::ServerMs),
+    )
+}
+
+/// Columns of a page of replays: for each its place in this run, and how it was watched.
+pub(super) fn replays(block: &BlockId, replays: &[NamedReplay]) -> Vec<WideColumn> {
+    replays
+        .iter()
+        .flat_map(|replay| {
+            let id = &replay.id;
+            let of = |cell, what: &str, kind, unit: Option<&str>, description: &str| {
+                let name = format!("{block}.{id}.{what}");
+                let mut column = Column::new(name, format!("{id}: {description}"), kind, description);
+                if let Some(unit) = unit {
+                    column = column.in_unit(unit);
+                }
+                WideColumn::new(
+                    column.missing_as(&[NOT_MEASURED, SKIPPED, OPEN, NOT_SHOWN, WITHDRAWN]),
+                    step(block, None, StepCell::Replay(id.clone(), cell)),
+                )
+            };
+            [
+                of(
+                    ReplayCell::Place,
+                    "place",
+                    ColumnKind::Integer,
+                    None,
+                    "Where this replay stood among those of the page, from 1",
+                ),
+                of(
+                    ReplayCell::Plays,
+                    "plays",
+                    ColumnKind::Integer,
+                    None,
+                    "How often this replay was played to its end",
+                ),
+                of(
+                    ReplayCell::Started,
+                    "started_ms",
+                    ColumnKind::Integer,
+                    Some("ms"),
+                    "When this replay was first started, since the page was opened, as the page measured it",
+                ),
+                of(
+                    ReplayCell::Seen,
+                    "seen_ms",
+                    ColumnKind::Integer,
+                    Some("ms"),
+                    "When the end of this replay was first seen, since the page was opened, as the page measured it",
+                ),
+                of(
+                    ReplayCell::Stills,
+                    "stills",
+                    ColumnKind::Boolean,
+                    None,
+                    "Whether this replay was shown as still frames, to somebody who asked for less motion",
+                ),
+            ]
+        })
+        .collect()
 }
 
 fn with_absences(mut statuses: Vec<Level>) -> Vec<Level> {

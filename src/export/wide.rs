@@ -7,11 +7,11 @@ use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
 use super::columns::{NOT_SHOWN, OPEN, SKIPPED};
-use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
+use super::wide_columns::{ReplayCell, StepCell, StepKey, WideCell, WideColumn};
 use super::{Export, ExportError, bonus, wide_columns};
 use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
-use crate::study::step::Field;
-use crate::study::{Asks, BlockId};
+use crate::study::step::{Field, Viewing};
+use crate::study::{Asks, BlockId, ReplayId};
 
 /// Participants that are read at once, with all of their answers.
 const PAGE_PARTICIPANTS: u32 = 200;
@@ -89,9 +89,51 @@ fn forms(export: &Export) -> Forms<'_> {
     contents
         .filter_map(|(version, contents)| match contents.asks {
             Asks::Fields(fields) => Some(((version, contents.block), fields)),
-            Asks::Nothing | Asks::Consent(_) | Asks::Choices { .. } => None,
+            Asks::Nothing | Asks::Replays(_) | Asks::Consent(_) | Asks::Choices { .. } => None,
         })
         .collect()
+}
+
+/// A step with what was sent for it.
+struct Answered<'a> {
+    answer: &'a StepAnswer,
+    members: Map<String, Value>,
+    viewings: Vec<Viewing>,
+}
+
+impl<'a> Answered<'a> {
+    fn read(answer: &'a StepAnswer) -> Result<Self, ExportError> {
+        let sent = answer.value.as_deref().map(serde_json::from_str);
+        let (members, viewings) = match sent.transpose()? {
+            Some(Value::Object(members)) => (members, Vec::new()),
+            Some(viewings @ Value::Array(_)) => (Map::new(), serde_json::from_value(viewings)?),
+            Some(Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_)) | None => {
+                (Map::new(), Vec::new())
+            }
+        };
+        Ok(Self {
+            answer,
+            members,
+            viewings,
+        })
+    }
+
+    fn of_replay(&self, replay: &ReplayId, cell: ReplayCell) -> String {
+        let viewing = self
+            .viewings
+            .iter()
+            .find(|viewing| viewing.replay == *replay);
+        match cell {
+            ReplayCell::Place => {
+                let place = self.answer.replays.iter().position(|shown| shown == replay);
+                number(place.map(|place| place + 1))
+            }
+            ReplayCell::Plays => number(viewing.map(|viewing| viewing.plays)),
+            ReplayCell::Started => number(viewing.map(|viewing| viewing.started_ms)),
+            ReplayCell::Seen => number(viewing.map(|viewing| viewing.seen_ms)),
+            ReplayCell::Stills => number(viewing.map(|viewing| viewing.stills)),
+        }
+    }
 }
 
 /// A participant with their steps by name.
@@ -99,7 +141,7 @@ struct Row<'a> {
     export: &'a Export,
     forms: &'a Forms<'a>,
     participant: &'a ParticipantRow,
-    steps: BTreeMap<StepKey, (&'a StepAnswer, Map<String, Value>)>,
+    steps: BTreeMap<StepKey, Answered<'a>>,
 }
 
 impl<'a> Row<'a> {
@@ -115,12 +157,7 @@ impl<'a> Row<'a> {
                 block: answer.block.clone(),
                 question: answer.question.clone(),
             };
-            let members = match answer.value.as_deref().map(serde_json::from_str) {
-                Some(Ok(Value::Object(members))) => members,
-                Some(Ok(_)) | None => Map::new(),
-                Some(Err(error)) => return Err(error.into()),
-            };
-            steps.insert(key, (answer, members));
+            steps.insert(key, Answered::read(answer)?);
         }
         Ok(Self {
             export,
@@ -172,7 +209,7 @@ impl<'a> Row<'a> {
     }
 
     fn of_step(&self, column: &WideColumn, key: &StepKey, cell: &StepCell) -> String {
-        let Some((answer, members)) = self.steps.get(key) else {
+        let Some(answered) = self.steps.get(key) else {
             return match cell {
                 StepCell::Status if self.participant.state == RunState::Withdrawn => {
                     RunState::Withdrawn.to_string()
@@ -185,6 +222,7 @@ impl<'a> Row<'a> {
                 | StepCell::Clause(_)
                 | StepCell::Chosen { .. }
                 | StepCell::Score(_)
+                | StepCell::Replay(..)
                 | StepCell::Passed(_) => String::new(),
             };
         };
@@ -193,6 +231,9 @@ impl<'a> Row<'a> {
         if *cell != StepCell::Status && !column.versions.contains(&version) {
             return String::new();
         }
+        let Answered {
+            answer, members, ..
+        } = answered;
         match cell {
             StepCell::Action => answer
                 .action
@@ -215,6 +256,7 @@ impl<'a> Row<'a> {
                     .and_then(Value::as_array)
                     .map(|chosen| chosen.iter().any(|chosen| chosen == option.as_str())),
             ),
+            StepCell::Replay(replay, cell) => answered.of_replay(replay, *cell),
             StepCell::Score(item) => number(
                 self.fields(key)
                     .iter()

@@ -9,7 +9,7 @@ use super::columns::{
 use super::{Export, Ids, step_columns};
 use crate::store::VersionId;
 use crate::study::step::FieldKind;
-use crate::study::{Asks, BlockContents, BlockId, QuestionId, Study};
+use crate::study::{Asks, BlockContents, BlockId, QuestionId, ReplayId, Study};
 
 /// A column of the wide table with where its cells come from.
 #[derive(Debug, Clone)]
@@ -89,8 +89,21 @@ pub(super) enum StepCell {
     },
     /// The score of this item of a scale, as the participant's version has the scale.
     Score(String),
+    /// Of a replay.
+    Replay(ReplayId, ReplayCell),
     /// Whether the attention check in this field was passed, as the participant's version has it.
     Passed(String),
+}
+
+/// What is told of how a replay was watched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum ReplayCell {
+    /// Its place on the page, from 1.
+    Place,
+    Plays,
+    Stills,
+    Started,
+    Seen,
 }
 
 /// The wide table's columns.
@@ -114,8 +127,9 @@ pub(super) fn all(export: &Export) -> Vec<WideColumn> {
 /// What a block asks, as columns.
 fn of_block(contents: &BlockContents<'_>, scored: &BTreeSet<(BlockId, String)>) -> Vec<WideColumn> {
     let block = contents.block;
-    match &contents.asks {
+    let mut columns = match &contents.asks {
         Asks::Nothing => Vec::new(),
+        Asks::Replays(replays) => step_columns::replays(block, replays),
         Asks::Consent(clauses) => step_columns::consent(block, clauses),
         Asks::Choices { questions, .. } => questions
             .iter()
@@ -129,7 +143,12 @@ fn of_block(contents: &BlockContents<'_>, scored: &BTreeSet<(BlockId, String)>) 
                 scored.contains(&(block.clone(), item.to_owned()))
             })
         }
+    };
+    // A block of questions has a page of its own where it has a start.
+    if let Some(title) = contents.title {
+        columns.push(step_columns::page_time(block, title));
     }
+    columns
 }
 
 /// The items of scales that are reversed in some version: they have scores in all.

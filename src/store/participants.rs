@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId};
-use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
+use crate::study::{ActionId, BlockId, QuestionId, ReplayId, StudyId, Timestamp};
 
 /// One run as an export has it.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,7 +59,9 @@ pub struct StepAnswer {
     pub server_ms: Option<u64>,
     /// The response time that the page measured.
     pub client_rt_ms: Option<u64>,
-    /// What was answered where it was no choice, as JSON: the fields of a form, or what was agreed to.
+    /// The replays in the order in which they stood on the page, where the step shows some.
+    pub replays: Vec<ReplayId>,
+    /// What was answered where it was no choice, as JSON: the fields of a form, what was agreed to, or how replays were watched.
     pub value: Option<String>,
 }
 
@@ -93,6 +95,7 @@ struct StoredStepAnswer {
     status: Option<String>,
     server_ms: Option<i64>,
     client_rt_ms: Option<i64>,
+    replays: Option<String>,
     value: Option<String>,
 }
 
@@ -154,7 +157,7 @@ impl Store {
             r#"
             select
                 run.id as run_id, step.block, step.question, answer.action, answer.status, answer.server_ms,
-                answer.client_rt_ms, answer.value
+                answer.client_rt_ms, step.data -> '$.replays' as replays, answer.value
             from run
             -- cross join: runs in order first, so that nothing is sorted
             cross join step on step.run_id = run.id
@@ -210,6 +213,11 @@ impl StoredParticipant {
 impl StoredStepAnswer {
     fn answer(self) -> Result<StepAnswer, Error> {
         let millis = |stored: Option<i64>| stored.and_then(|stored| u64::try_from(stored).ok());
+        let replays = self
+            .replays
+            .as_deref()
+            .map(serde_json::from_str)
+            .transpose();
         let status = self.status.map(|status| status.parse()).transpose();
         Ok(StepAnswer {
             run: self.run_id,
@@ -219,6 +227,9 @@ impl StoredStepAnswer {
             status: status.map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
             server_ms: millis(self.server_ms),
             client_rt_ms: millis(self.client_rt_ms),
+            replays: replays
+                .map_err(|err| sqlx::Error::Decode(err.into()))?
+                .unwrap_or_default(),
             value: self.value,
         })
     }

@@ -1,7 +1,7 @@
 //! What a study asks, block by block: for codebooks and for texts that go with data.
 
 use super::definition::{BlockBody, Study};
-use super::step::{ActionView, Clause, Field};
+use super::step::{ActionView, Clause, Field, NamedReplay};
 use super::{BlockId, QuestionId};
 
 /// A block with what it shows.
@@ -22,6 +22,8 @@ pub struct BlockContents<'a> {
 pub enum Asks<'a> {
     /// For nothing.
     Nothing,
+    /// To watch replays.
+    Replays(&'a [NamedReplay]),
     /// For consent, with clauses that are agreed to apart.
     Consent(&'a [Clause]),
     /// To choose actions.
@@ -68,7 +70,7 @@ impl Study {
                 BlockBody::Replays(text) => (
                     Some(text.title.as_str()),
                     Some(text.text_html.as_str()),
-                    Asks::Nothing,
+                    Asks::Replays(&text.replays),
                 ),
                 BlockBody::Choice(choices) => (
                     choices.start.as_ref().map(|start| start.title.as_str()),
