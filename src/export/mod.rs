@@ -8,7 +8,7 @@
 //! * `versions`: study files as they were when people answered;
 //! * [`Codebook`] (`codebook`, `columns`, `wide_columns`, `step_columns`): every column of the tables, from which their headers come too;
 //! * `long`, `wide`, `bonus`: the tables; `cell`: what a cell may hold;
-//! * `psych_ds`, `archive`: one archive of everything, in the form of the Psych-DS standard.
+//! * `psych_ds`, `texts`, `archive`: one archive of everything, in the form of the Psych-DS standard.
 
 mod archive;
 mod bonus;
@@ -18,6 +18,7 @@ mod columns;
 mod long;
 mod psych_ds;
 mod step_columns;
+mod texts;
 mod versions;
 mod wide;
 mod wide_columns;

@@ -9,8 +9,8 @@ use serde::Serialize;
 
 use super::archive::{Archive, pretty};
 use super::columns::Column;
-use super::{Export, ExportError, Ids, codebook::Codebook, long, wide};
-use crate::study::{Asks, Study};
+use super::{Export, ExportError, Ids, codebook::Codebook, long, texts, wide};
+use crate::study::Study;
 
 /// What the archive follows.
 const SCHEMA_VERSION: &str = "Psych-DS 1.5";
@@ -33,7 +33,12 @@ pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
         let path = format!("materials/study-version-{}.toml", version.id);
         archive.text(&path, &version.text)?;
     }
-    archive.text("materials/texts.html", &texts(export.study()))?;
+    for (version, study) in export.versions.iter() {
+        for language in study.languages() {
+            let path = format!("materials/texts-version-{version}-{language}.html");
+            archive.text(&path, &texts::page(study.in_language(language)))?;
+        }
+    }
     archive.finish("documentation/manifest.json")
 }
 
@@ -178,7 +183,7 @@ fn readme(export: &Export, answers: &str, participants: &str) -> String {
          * `{participants}`: one row per participant; `participant` names a row.\n\
          * `documentation/codebook.csv` and `.json`: every column with its unit, levels and missing codes.\n\
          * `documentation/manifest.json`: rows, bytes and SHA-256 of every file.\n\
-         * `materials/`: the study file of every version, and the texts of the current one.\n\
+         * `materials/`: the study file of every version, and all that people read in each of its languages.\n\
          * `CHANGES.md`: the versions of the study.\n\n\
          ## Reading the tables\n\n\
          UTF-8, comma-separated, `.` as decimal sign. An empty cell is missing; the column of the status that belongs to it \
@@ -204,60 +209,6 @@ fn changes(export: &Export) -> String {
         );
     }
     text
-}
-
-/// What people read, in the order of the study file.
-fn texts(study: &Study) -> String {
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{0}</title>\n<h1>{0}</h1>\n",
-        escaped(study.title())
-    );
-    for contents in study.contents() {
-        let mut add = |level: u8, title: &str, text: &str| {
-            // Writing to a text cannot fail.
-            let _ = write!(page, "<h{level}>{}</h{level}>\n{text}\n", escaped(title));
-        };
-        add(
-            2,
-            contents.title.unwrap_or(contents.block.as_str()),
-            contents.text_html.unwrap_or(""),
-        );
-        match contents.asks {
-            Asks::Nothing | Asks::Replays(_) | Asks::Consent(_) => {}
-            Asks::Choices { questions, .. } => {
-                for question in questions {
-                    let actions: String = question
-                        .actions
-                        .iter()
-                        .map(|action| {
-                            format!(
-                                "<li>{}. {}</li>\n",
-                                escaped(&action.label),
-                                escaped(&action.detail)
-                            )
-                        })
-                        .collect();
-                    let text = format!("{}\n<ul>\n{actions}</ul>", question.text_html);
-                    add(3, question.title, &text);
-                }
-            }
-            Asks::Fields(fields) => {
-                let fields: String = fields
-                    .iter()
-                    .map(|field| format!("<li>{}</li>\n", escaped(&field.label)))
-                    .collect();
-                let _ = write!(page, "<ul>\n{fields}</ul>\n");
-            }
-        }
-    }
-    page.push_str("</html>\n");
-    page
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 #[cfg(test)]

@@ -130,7 +130,7 @@ fn of_block(contents: &BlockContents<'_>, scored: &BTreeSet<(BlockId, String)>) 
     let mut columns = match &contents.asks {
         Asks::Nothing => Vec::new(),
         Asks::Replays(replays) => step_columns::replays(block, replays),
-        Asks::Consent(clauses) => step_columns::consent(block, clauses),
+        Asks::Consent(consent) => step_columns::consent(block, consent.clauses),
         Asks::Choices { questions, .. } => questions
             .iter()
             .flat_map(|question| {

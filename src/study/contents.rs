@@ -1,7 +1,7 @@
 //! What a study asks, block by block: for codebooks and for texts that go with data.
 
 use super::definition::{BlockBody, Study};
-use super::step::{ActionView, Clause, Field, NamedReplay};
+use super::step::{ActionView, ConsentStep, Field, NamedReplay};
 use super::{BlockId, QuestionId};
 
 /// A block with what it shows.
@@ -13,6 +13,10 @@ pub struct BlockContents<'a> {
     pub title: Option<&'a str>,
     /// Its text as HTML.
     pub text_html: Option<&'a str>,
+    /// The button that leads on, where the study file names it.
+    pub button: Option<&'a str>,
+    /// What is shown after a wrong attempt, as HTML, where it is a comprehension check.
+    pub hint_html: Option<&'a str>,
     /// What it asks.
     pub asks: Asks<'a>,
 }
@@ -24,8 +28,8 @@ pub enum Asks<'a> {
     Nothing,
     /// To watch replays.
     Replays(&'a [NamedReplay]),
-    /// For consent, with clauses that are agreed to apart.
-    Consent(&'a [Clause]),
+    /// For consent.
+    Consent(ConsentStep<'a>),
     /// To choose actions.
     Choices {
         /// The time limit of each question.
@@ -60,7 +64,7 @@ impl Study {
                 BlockBody::Consent(text) => (
                     Some(text.title.as_str()),
                     Some(text.text_html.as_str()),
-                    Asks::Consent(&text.clauses),
+                    Asks::Consent(text.step()),
                 ),
                 BlockBody::Info(text) => (
                     Some(text.title.as_str()),
@@ -100,10 +104,25 @@ impl Study {
                     Asks::Fields(&form.fields),
                 ),
             };
+            let (button, hint_html) = match &block.body {
+                BlockBody::Consent(_) => (None, None),
+                BlockBody::Info(text) => (Some(text.button.as_str()), None),
+                BlockBody::Replays(text) => (Some(text.button.as_str()), None),
+                BlockBody::Choice(choices) => {
+                    let start = choices.start.as_ref();
+                    (start.map(|start| start.button.as_str()), None)
+                }
+                BlockBody::Form(form) => {
+                    let hint = form.check.as_ref().map(|check| check.hint_html.as_str());
+                    (Some(form.button.as_str()), hint)
+                }
+            };
             BlockContents {
                 block: &block.id,
                 title,
                 text_html,
+                button,
+                hint_html,
                 asks,
             }
         })
