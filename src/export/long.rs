@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::cell::{number, text};
 use super::columns::LONG_BEFORE_FACTORS;
+use super::rows::Rows;
 use super::{Export, ExportError, columns};
 use crate::model::OrderedMap;
 use crate::store::{AnswerKey, AnswerRow, AnswerStatus, RunState};
@@ -143,23 +144,27 @@ impl<'a> Answer<'a> {
     }
 }
 
-pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+pub(super) fn csv(
+    export: &Export,
+    rows: &mut Rows,
+    out: &mut dyn io::Write,
+) -> Result<u64, ExportError> {
     let factors = columns::factors(export.versions_current_first());
     let factors: Vec<String> = factors.into_iter().map(|factor| factor.id).collect();
     let mut writer = csv::Writer::from_writer(out);
     let header = columns::long(export);
     writer.write_record(header.iter().map(|column| column.name.as_str()))?;
-    let rows = each(export, |answer| {
+    let count = each(export, rows, |answer| {
         writer.write_record(answer.record(&factors))?;
         Ok(())
     })?;
     writer.flush()?;
-    Ok(rows)
+    Ok(count)
 }
 
 pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
     let mut out = io::BufWriter::new(out);
-    let rows = each(export, |answer| {
+    let rows = each(export, &mut Rows::ByPage, |answer| {
         serde_json::to_writer(&mut out, &answer)?;
         io::Write::write_all(&mut out, b"\n")?;
         Ok(())
@@ -171,17 +176,18 @@ pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, Ex
 /// Reads all answers page by page.
 fn each(
     export: &Export,
+    from: &mut Rows,
     mut write: impl FnMut(Answer<'_>) -> Result<(), ExportError>,
 ) -> Result<u64, ExportError> {
     let mut after = AnswerKey::START;
     let mut count = 0;
     loop {
-        let rows = export.runtime.block_on(export.store.answers(
-            export.study.id(),
-            export.population,
-            after,
-            PAGE_ROWS,
-        ))?;
+        let rows = from.page(export, async |moment| {
+            let (study, last) = (export.study.id(), export.last_run);
+            moment
+                .answers(study, export.population, after, last, PAGE_ROWS)
+                .await
+        })?;
         for row in &rows {
             write(Answer::new(export.versions.of(row.version), row))?;
         }

@@ -3,19 +3,35 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::io;
+use std::io::{self, Seek};
+use std::path::Path;
 
 use serde::Serialize;
 
 use super::archive::{Archive, pretty};
 use super::columns::Column;
+use super::rows::Rows;
 use super::{Export, ExportError, Ids, codebook::Codebook, long, texts, wide};
 use crate::study::Study;
 
 /// What the archive follows.
 const SCHEMA_VERSION: &str = "Psych-DS 1.5";
 
+/// Its two tables are of one moment: nobody is in one of them alone because they withdrew while the other was written. So it
+/// is made in a file without a name beside the database, and nobody who reads slowly holds that moment.
 pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+    let folder = export.store.path().parent();
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    let mut file = io::BufWriter::new(tempfile::tempfile_in(folder.unwrap_or(Path::new(".")))?);
+    let files = make(export, &mut file)?;
+    let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.rewind()?;
+    io::copy(&mut file, out)?;
+    Ok(files)
+}
+
+fn make(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+    let mut rows = Rows::of_one_moment(export)?;
     let codebook = export.codebook();
     let (answers, participants) = data_files(export.study());
     let mut archive = Archive::new(out);
@@ -25,8 +41,8 @@ pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     )?;
     archive.text("README.md", &readme(export, &answers, &participants))?;
     archive.text("CHANGES.md", &changes(export))?;
-    archive.table(&answers, |out| long::csv(export, out))?;
-    archive.table(&participants, |out| wide::csv(export, out))?;
+    archive.table(&answers, |out| long::csv(export, &mut rows, out))?;
+    archive.table(&participants, |out| wide::csv(export, &mut rows, out))?;
     archive.table("documentation/codebook.csv", |out| codebook.write_csv(out))?;
     archive.text("documentation/codebook.json", &pretty(&codebook)?)?;
     for version in export.versions.stored() {

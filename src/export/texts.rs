@@ -32,7 +32,10 @@ pub(super) fn page(study: &Study) -> String {
     ] {
         let shown = study.ending(ending);
         page.heading(2, &shown.title);
-        page.note(&format!("The last page of a run that is {}.", ending.as_str()));
+        page.note(&format!(
+            "The last page of a run that is {}.",
+            ending.as_str()
+        ));
         page.html(&shown.text_html);
     }
     page.html("</html>");
@@ -58,7 +61,10 @@ impl Page {
     }
 
     fn note(&mut self, text: &str) {
-        self.html(&format!("<p lang=\"en\"><small>{}</small></p>", escaped(text)));
+        self.html(&format!(
+            "<p lang=\"en\"><small>{}</small></p>",
+            escaped(text)
+        ));
     }
 
     fn list<'t>(&mut self, items: impl IntoIterator<Item = &'t str>) {
@@ -141,11 +147,17 @@ impl Page {
                 self.note(&format!("A number from {min} to {max}, {required}."));
             }
             FieldKind::Text { max_length } | FieldKind::LongText { max_length } => {
-                self.note(&format!("Own words, at most {max_length} characters, {required}."));
+                self.note(&format!(
+                    "Own words, at most {max_length} characters, {required}."
+                ));
             }
             FieldKind::Choice { options, other } => {
                 self.list(options.iter().map(|option| option.label.as_str()));
-                let other = if *other { ", or another in own words" } else { "" };
+                let other = if *other {
+                    ", or another in own words"
+                } else {
+                    ""
+                };
                 self.note(&format!("One of them{other}, {required}."));
             }
             FieldKind::Choices { options, min, max } => {

@@ -7,31 +7,36 @@ use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
 use super::columns::{NOT_SHOWN, OPEN, SKIPPED};
+use super::rows::Rows;
 use super::wide_columns::{ReplayCell, StepCell, StepKey, WideCell, WideColumn};
 use super::{Export, ExportError, bonus, wide_columns};
-use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
+use crate::store::{self, Moment, ParticipantRow, RunId, RunState, StepAnswer, VersionId};
 use crate::study::step::{Field, Viewing};
 use crate::study::{Asks, BlockId, ReplayId};
 
 /// Participants that are read at once, with all of their answers.
 const PAGE_PARTICIPANTS: u32 = 200;
 
-pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+pub(super) fn csv(
+    export: &Export,
+    rows: &mut Rows,
+    out: &mut dyn io::Write,
+) -> Result<u64, ExportError> {
     let columns = wide_columns::all(export);
     let forms = forms(export);
     let mut writer = csv::Writer::from_writer(out);
     writer.write_record(columns.iter().map(|column| column.column.name.as_str()))?;
     let mut count = 0;
-    each_page(export, |participants| {
+    let answers = async |moment: &mut Moment, participants: &[ParticipantRow]| {
         let (Some(first), Some(last)) = (participants.first(), participants.last()) else {
-            return Ok(());
+            return Ok(Vec::new());
         };
-        let answers = export.runtime.block_on(export.store.step_answers(
-            export.study.id(),
-            export.population,
-            first.run,
-            last.run,
-        ))?;
+        let study = export.study.id();
+        moment
+            .step_answers(study, export.population, first.run, last.run)
+            .await
+    };
+    each_page(export, rows, answers, |participants, answers| {
         let mut answers = answers.as_slice();
         for participant in participants {
             // A run that began since then is not on this page, but its answers may stand between.
@@ -57,20 +62,24 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     Ok(count)
 }
 
-/// Reads all participants page by page.
-pub(super) fn each_page(
+/// Reads all participants page by page, each with what `more` reads of the same moment.
+pub(super) fn each_page<T>(
     export: &Export,
-    mut write: impl FnMut(&[ParticipantRow]) -> Result<(), ExportError>,
+    rows: &mut Rows,
+    more: impl AsyncFn(&mut Moment, &[ParticipantRow]) -> Result<T, store::Error>,
+    mut write: impl FnMut(&[ParticipantRow], T) -> Result<(), ExportError>,
 ) -> Result<(), ExportError> {
     let mut after = RunId::from(0);
     loop {
-        let page = export.runtime.block_on(export.store.participants(
-            export.study.id(),
-            export.population,
-            after,
-            PAGE_PARTICIPANTS,
-        ))?;
-        write(&page)?;
+        let (page, with) = rows.page(export, async |moment| {
+            let (study, last) = (export.study.id(), export.last_run);
+            let page = moment
+                .participants(study, export.population, after, last, PAGE_PARTICIPANTS)
+                .await?;
+            let with = more(moment, &page).await?;
+            Ok((page, with))
+        })?;
+        write(&page, with)?;
         match page.last() {
             Some(last) if page.len() == PAGE_PARTICIPANTS as usize => after = last.run,
             Some(_) | None => return Ok(()),

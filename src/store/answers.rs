@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::load::time_factor;
 use super::{
-    AnalysisSet, AnswerStatus, Error, EventId, EventKind, Population, RunId, RunState, Store,
-    Verdict, VersionId,
+    AnalysisSet, AnswerStatus, Error, EventId, EventKind, Moment, Population, RunId, RunState,
+    Store, Verdict, VersionId,
 };
 use crate::study::{
     ActionId, BlockId, DEFAULT_GRACE_MS, Deadline, FactorId, LevelId, QuestionId, StudyId,
@@ -160,17 +160,18 @@ struct StoredEvent {
     body: Option<String>,
 }
 
-impl Store {
-    /// The next questions of a study after `after`, at most `limit`: an export pages through them, so that no read
+impl Moment {
+    /// The next questions of a study after `after` up to the run `last`, at most `limit`: an export pages through them, so that no read
     /// transaction stays open while a client is slow. Previews are left out.
     ///
     /// # Errors
     /// When the database fails.
     pub async fn answers(
-        &self,
+        &mut self,
         study: &StudyId,
         population: Population,
         after: AnswerKey,
+        last: RunId,
         limit: u32,
     ) -> Result<Vec<AnswerRow>, Error> {
         let rows: Vec<ExportRow> = sqlx::query_as(
@@ -190,7 +191,7 @@ impl Store {
             left join answer on answer.run_id = step.run_id and answer.position = step.position
             left join problem on problem.id = step.problem_id
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
-            and run.id >= ?3
+            and run.id between ?3 and ?6
             and (run.id > ?3 or step.position > ?4)
             and step.kind = 'choice'
             and (
@@ -207,9 +208,29 @@ impl Store {
         // The start lies before the first step of a run that no database has.
         .bind(after.position)
         .bind(limit)
-        .fetch_all(&self.pool)
+        .bind(last)
+        .fetch_all(self.connection())
         .await?;
         rows.into_iter().map(|row| row.answer(population)).collect()
+    }
+}
+
+impl Store {
+    /// A page as [`Moment::answers`] reads it, up to the newest run.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn answers(
+        &self,
+        study: &StudyId,
+        population: Population,
+        after: AnswerKey,
+        limit: u32,
+    ) -> Result<Vec<AnswerRow>, Error> {
+        let mut moment = self.moment().await?;
+        moment
+            .answers(study, population, after, RunId(i64::MAX), limit)
+            .await
     }
 
     /// How often each answer was given to a field of a form.

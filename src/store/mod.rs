@@ -38,6 +38,7 @@ mod fits;
 mod import;
 mod job;
 mod load;
+mod moment;
 mod names;
 mod open;
 mod participants;
@@ -81,6 +82,7 @@ pub use error::{Error, OpenError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
 pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
+pub use moment::Moment;
 pub use names::{
     AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,

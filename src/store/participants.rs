@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId};
+use super::{AnswerStatus, Error, Moment, Population, RunId, RunState, VersionId};
 use crate::study::{ActionId, BlockId, QuestionId, ReplayId, StudyId, Timestamp};
 
 /// One run as an export has it.
@@ -99,17 +99,18 @@ struct StoredStepAnswer {
     value: Option<String>,
 }
 
-impl Store {
-    /// The next participants of a study after `after`, at most `limit`. Previews are left out; whoever withdrew is there
+impl Moment {
+    /// The next participants of a study after `after` up to the run `last`, at most `limit`. Previews are left out; whoever withdrew is there
     /// with nothing but a number and times.
     ///
     /// # Errors
     /// When the database fails.
     pub async fn participants(
-        &self,
+        &mut self,
         study: &StudyId,
         population: Population,
         after: RunId,
+        last: RunId,
         limit: u32,
     ) -> Result<Vec<ParticipantRow>, Error> {
         let rows: Vec<StoredParticipant> = sqlx::query_as(
@@ -128,7 +129,7 @@ impl Store {
             join study_version on study_version.id = run.version_id
             left join bonus on bonus.run_id = run.id
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
-            and run.id > ?
+            and run.id > ? and run.id <= ?
             order by run.id
             limit ?
             "#,
@@ -136,8 +137,9 @@ impl Store {
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(after)
+        .bind(last)
         .bind(limit)
-        .fetch_all(&self.pool)
+        .fetch_all(self.connection())
         .await?;
         rows.into_iter().map(StoredParticipant::row).collect()
     }
@@ -147,7 +149,7 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn step_answers(
-        &self,
+        &mut self,
         study: &StudyId,
         population: Population,
         first: RunId,
@@ -175,7 +177,7 @@ impl Store {
         .bind(population.is_simulated())
         .bind(first)
         .bind(last)
-        .fetch_all(&self.pool)
+        .fetch_all(self.connection())
         .await?;
         rows.into_iter().map(StoredStepAnswer::answer).collect()
     }

@@ -1,9 +1,17 @@
 //! Exports of a study that was changed after people had answered, with ids that meet names of the program's own.
 
 use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
 
-use riskaware::{clock::Clock, jobs::Catalogue, store::StudyState, study::Study};
+use riskaware::{
+    clock::Clock,
+    export::{Export, Form, Ids},
+    jobs::Catalogue,
+    store::{Population, Store, StudyState, Token},
+    study::Study,
+};
 use serde_json::Value;
+use tokio::runtime::Handle;
 
 use crate::app::{App, Page, START};
 
@@ -85,6 +93,11 @@ fn only_row(csv: &[u8]) -> BTreeMap<String, String> {
 
 /// Somebody who chose the sure 5 and then answered the form.
 async fn with_an_answer() -> App {
+    answered().await.0
+}
+
+/// The same with the link of that person.
+async fn answered() -> (App, Token) {
     let studies = vec![("moods.toml".to_owned(), STUDY.to_owned())];
     let app = App::with(Clock::manual(START), studies).await;
     let mut person = app.participant_of("/s/moods").await;
@@ -105,7 +118,7 @@ async fn with_an_answer() -> App {
         person.page = Page::of(sent.await.unwrap()).await;
     }
     assert_eq!(person.page.text("h1").as_deref(), Some("Done"));
-    app
+    (app, person.token())
 }
 
 #[tokio::test]
@@ -300,5 +313,149 @@ async fn no_file_may_have_a_factor_with_the_name_of_a_fixed_column() {
     }
     assert!(tried > 15, "{tried}");
     assert!(Study::parse("moods.toml", &with_old_factors(&["mood"])).is_ok());
+    app.stop().await;
+}
+
+/// The archive's files by name.
+fn files(archive: Vec<u8>) -> BTreeMap<String, String> {
+    let mut archive = zip::ZipArchive::new(Cursor::new(archive)).unwrap();
+    (0..archive.len())
+        .map(|index| {
+            let mut file = archive.by_index(index).unwrap();
+            let mut contents = String::new();
+            file.read_to_string(&mut contents).unwrap();
+            (file.name().unwrap().into_owned(), contents)
+        })
+        .collect()
+}
+
+#[tokio::test]
+async fn the_archive_holds_all_that_people_read_in_each_language() {
+    let consent = r#"
+[[block]]
+kind = "consent"
+id = "consent"
+version = "1"
+title = "Consent"
+text = "Please read."
+agree = "I agree"
+decline = "I do not"
+declined_title = "Goodbye"
+declined_text = "Nothing is stored."
+clause = [{ id = "archive", text = "My answers may be archived.", required = false }]
+
+[[block]]
+kind = "choice""#;
+    let text = STUDY
+        .replacen(
+            "minutes = 1",
+            "minutes = 1\nlanguages = [\"en\", \"de\"]",
+            1,
+        )
+        .replacen("\n[[block]]\nkind = \"choice\"", consent, 1)
+        + "\n[text.de]\ntitle = \"Stimmungen\"\n\"block[about].field[agree].low\" = \"Nein\"\n\"completion.title\" = \"Fertig\"\n";
+    let app = App::with(Clock::manual(START), vec![("moods.toml".to_owned(), text)]).await;
+    let files = files(bytes(&app, "psych-ds.zip").await);
+    let of = |language: &str| {
+        let end = format!("-{language}.html");
+        let found = files
+            .iter()
+            .find(|(path, _)| path.starts_with("materials/texts-") && path.ends_with(&end));
+        found.unwrap_or_else(|| panic!("{:?}", files.keys())).1
+    };
+    let (english, german) = (of("en"), of("de"));
+    assert!(english.contains("<html lang=\"en\">") && german.contains("<html lang=\"de\">"));
+    for read in [
+        "<h1>Moods</h1>",
+        "A scale and a gamble",
+        "My answers may be archived.",
+        "I do not",
+        "Nothing is stored.",
+        "Which?",
+        "Sure",
+        "Your status?",
+        "<li>No</li>",
+        "I fear.",
+        "Finish",
+        "<h2>Done</h2>",
+    ] {
+        assert!(english.contains(read), "{read} in {english}");
+    }
+    for read in [
+        "<h1>Stimmungen</h1>",
+        "<li>Nein</li>",
+        "<h2>Fertig</h2>",
+        "I fear.",
+    ] {
+        assert!(german.contains(read), "{read} in {german}");
+    }
+    app.stop().await;
+}
+
+/// Somebody who takes the archive, during which somebody withdraws: as soon as the second table begins.
+struct Slowly {
+    taken: Vec<u8>,
+    store: Store,
+    withdraws: Option<Token>,
+}
+
+impl std::io::Write for Slowly {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        self.taken.extend_from_slice(bytes);
+        let second = b"description-participants_data.csv";
+        let has_begun = self
+            .taken
+            .windows(second.len())
+            .any(|found| found == second);
+        if has_begun && let Some(link) = self.withdraws.take() {
+            Handle::current()
+                .block_on(self.store.withdraw(&link))
+                .unwrap();
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn both_tables_of_the_archive_tell_of_the_same_people() {
+    let (app, link) = answered().await;
+    let export = Export::open(
+        &app.store,
+        &"moods".into(),
+        Population::People,
+        Ids::LeftOut,
+    );
+    let export = export.await.unwrap();
+    // Whoever begins after the export was opened is not in it.
+    app.participant_of("/s/moods").await;
+    let mut out = Slowly {
+        taken: Vec::new(),
+        store: app.store.clone(),
+        withdraws: Some(link),
+    };
+    let out = tokio::task::spawn_blocking(move || {
+        export.write(Form::PsychDs, &mut out).unwrap();
+        out
+    });
+    let out = out.await.unwrap();
+    assert!(
+        out.withdraws.is_none(),
+        "nobody withdrew while it was taken"
+    );
+    let files = files(out.taken);
+    let long = only_row(files["data/study-moods_data.csv"].as_bytes());
+    let wide = only_row(files["data/study-moods_description-participants_data.csv"].as_bytes());
+    assert_eq!(wide["participant"], long["participant"]);
+    assert_eq!(wide["run_state"], long["run_state"]);
+    assert_eq!(wide["lotteries.one.action"], long["action"]);
+    // The next one knows nothing of the person any more.
+    let next = bytes(&app, "psych-ds.zip").await;
+    let next = self::files(next);
+    assert!(!next["data/study-moods_data.csv"].contains("sure"));
+    assert!(next["data/study-moods_description-participants_data.csv"].contains("withdrawn"));
     app.stop().await;
 }
