@@ -144,6 +144,15 @@ impl Column {
         }
     }
 
+    /// The unit where there is one; several, where versions differ, are told together.
+    pub(super) fn in_units(self, units: Vec<&str>) -> Self {
+        if units.is_empty() {
+            self
+        } else {
+            self.in_unit(&units.join(" or "))
+        }
+    }
+
     pub(super) fn in_unit(mut self, unit: &str) -> Self {
         self.unit = Some(unit.to_owned());
         self

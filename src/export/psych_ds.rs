@@ -12,7 +12,7 @@ use super::archive::{Archive, pretty};
 use super::columns::Column;
 use super::rows::Rows;
 use super::{Export, ExportError, Ids, codebook::Codebook, long, texts, wide};
-use crate::study::Study;
+use crate::study::{Asks, Study};
 
 /// What the archive follows.
 const SCHEMA_VERSION: &str = "Psych-DS 1.5";
@@ -22,7 +22,10 @@ const SCHEMA_VERSION: &str = "Psych-DS 1.5";
 pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
     let folder = export.store.path().parent();
     let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
-    let mut file = io::BufWriter::new(tempfile::tempfile_in(folder.unwrap_or(Path::new(".")))?);
+    // A command that exports from a copy may not be able to write there.
+    let file = tempfile::tempfile_in(folder.unwrap_or(Path::new(".")))
+        .or_else(|_| tempfile::tempfile())?;
+    let mut file = io::BufWriter::new(file);
     let files = make(export, &mut file)?;
     let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
     file.rewind()?;
@@ -203,15 +206,40 @@ fn readme(export: &Export, answers: &str, participants: &str) -> String {
          * `CHANGES.md`: the versions of the study.\n\n\
          ## Reading the tables\n\n\
          UTF-8, comma-separated, `.` as decimal sign. An empty cell is missing; the column of the status that belongs to it \
-         says why (`timed_out`, `skipped`, `not_shown`, `withdrawn`). Only rows with status `answered` are choices. A text \
+         says why (`timed_out`, `skipped`, `open`, `not_shown`, `withdrawn`). Only rows with status `answered` are choices.{practice} \
+         Somebody may have written `NA`: read the empty cell alone as missing, in R with `read_csv(FILE, na = \"\")`, in pandas \
+         with `read_csv(FILE, keep_default_na=False, na_values=[\"\"])`. A text \
          that begins with `=`, `+`, `-`, `@` or a tab has an apostrophe before it, so that no spreadsheet computes it. {ids}\n\n\
          The same data give the same bytes, so the archive's own SHA-256 can be cited.\n",
+        practice = practice(export),
         title = study.title(),
         summary = study.summary(),
         id = study.id(),
         hash = study.hash(),
         program = env!("CARGO_PKG_VERSION"),
     )
+}
+
+/// A sentence about the blocks for practice, if there are any.
+fn practice(export: &Export) -> String {
+    let mut blocks: Vec<String> = Vec::new();
+    for contents in export.versions_current_first().flat_map(Study::contents) {
+        let Asks::Choices { questions, .. } = contents.asks else {
+            continue;
+        };
+        let block = format!("`{}`", contents.block);
+        if questions.iter().any(|question| question.practice) && !blocks.contains(&block) {
+            blocks.push(block);
+        }
+    }
+    if blocks.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " Those of the blocks {} are for practice and count nowhere.",
+            blocks.join(", ")
+        )
+    }
 }
 
 fn changes(export: &Export) -> String {

@@ -17,7 +17,7 @@ pub(super) fn page(study: &Study) -> String {
     ));
     page.text(study.summary());
     page.note(&format!(
-        "It takes about {} minutes. Contact: {}",
+        "Announced duration in minutes: {}. Contact: {}",
         study.minutes(),
         study.contact()
     ));

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::columns::{
-    Column, ColumnKind, NOT_MEASURED, NOT_SHOWN, Names, WITHDRAWN, participant_column,
+    Column, ColumnKind, Level, NOT_MEASURED, NOT_SHOWN, Names, WITHDRAWN, participant_column,
     run_state_column, simulated_column, source_column, study_column, version_column,
 };
 use super::{Export, Ids, step_columns};
@@ -201,6 +201,47 @@ impl Columns {
     }
 }
 
+/// The conditions of all versions, by the labels of their levels.
+fn condition_column(export: &Export) -> Column {
+    let mut levels: Vec<Level> = Vec::new();
+    for study in export.versions_current_first() {
+        for condition in study.conditions() {
+            let id = condition.id.as_str();
+            if levels.iter().all(|known| known.code != id) {
+                let labels: Vec<&str> = condition
+                    .levels
+                    .iter()
+                    .map(|(factor, level)| study.level_label(factor, level))
+                    .collect();
+                levels.push(Level::new(id, labels.join(", ")));
+            }
+        }
+    }
+    let kind = if levels.is_empty() {
+        ColumnKind::Text
+    } else {
+        ColumnKind::Level
+    };
+    Column::new(
+        "condition",
+        "Condition",
+        kind,
+        "The levels of the factors that differ between participants, joined by /; empty in a study without such factors",
+    )
+    .with_levels(levels)
+}
+
+/// The currencies of bonuses in all versions, each once.
+fn currencies(export: &Export) -> Vec<&str> {
+    let mut found = Vec::new();
+    for bonus in export.versions_current_first().filter_map(Study::bonus) {
+        if !found.contains(&bonus.currency.as_str()) {
+            found.push(bonus.currency.as_str());
+        }
+    }
+    found
+}
+
 fn wide_head(export: &Export) -> Vec<WideColumn> {
     let plain = WideColumn::new;
     let mut columns = vec![
@@ -228,12 +269,7 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
         plain(participant_column(), WideCell::Participant),
         plain(run_state_column(), WideCell::RunState),
         plain(
-            Column::new(
-                "condition",
-                "Condition",
-                ColumnKind::Text,
-                "The levels of the factors that differ between participants, joined by /; empty in a study without such factors",
-            ),
+            condition_column(export),
             WideCell::Condition,
         ),
         plain(source_column(), WideCell::Source),
@@ -301,8 +337,9 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 "bonus",
                 "Bonus",
                 ColumnKind::Number,
-                "What the participant is paid beside the fee, in the study's currency; empty without a bonus",
-            ),
+                "What the participant is paid beside the fee, in the currency of their version of the study; empty without a bonus",
+            )
+            .in_units(currencies(export)),
             WideCell::Bonus,
         ),
     ];

@@ -1,7 +1,7 @@
 //! One moment of the database, for tables that have to tell the same of the same people.
 
 use sqlx::sqlite::SqliteConnection;
-use sqlx::{ConnectOptions, Connection, Sqlite, Transaction};
+use sqlx::{ConnectOptions, Sqlite, Transaction};
 
 use super::{Error, RunId, Store, open};
 
@@ -55,17 +55,5 @@ impl Moment {
             Held::Shared(transaction) => transaction,
             Held::Own(connection) => connection,
         }
-    }
-
-    /// Ends the reading.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn end(self) -> Result<(), Error> {
-        match self.0 {
-            Held::Shared(transaction) => transaction.rollback().await?,
-            Held::Own(connection) => connection.close().await?,
-        }
-        Ok(())
     }
 }

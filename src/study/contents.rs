@@ -1,7 +1,7 @@
 //! What a study asks, block by block: for codebooks and for texts that go with data.
 
 use super::definition::{BlockBody, Study};
-use super::step::{ActionView, ConsentStep, Field, NamedReplay};
+use super::step::{ActionView, ConsentStep, Field, NamedReplay, Role};
 use super::{BlockId, QuestionId};
 
 /// A block with what it shows.
@@ -50,6 +50,8 @@ pub struct AskedQuestion<'a> {
     pub title: &'a str,
     /// Its text as HTML.
     pub text_html: &'a str,
+    /// Whether it is for practice, and never counted.
+    pub practice: bool,
     /// What can be chosen.
     pub actions: &'a [ActionView],
     /// The cell or the baseline question in words, where it is one.
@@ -88,6 +90,7 @@ impl Study {
                                 id: &question.id,
                                 title: &question.title,
                                 text_html: &question.text_html,
+                                practice: question.role == Role::Practice,
                                 actions: &question.actions,
                                 label: self.question_label(
                                     &block.id,

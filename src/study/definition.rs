@@ -153,6 +153,17 @@ impl Study {
         &self.factors
     }
 
+    /// The text of a level on pages; its id where the study has no such level.
+    pub fn level_label<'a>(&'a self, factor: &FactorId, level: &'a LevelId) -> &'a str {
+        let factor = self.factors.iter().find(|known| known.id == *factor);
+        let levels = factor.map(|factor| factor.levels.as_slice());
+        let known = levels
+            .unwrap_or_default()
+            .iter()
+            .find(|known| known.id == *level);
+        known.map_or(level.as_str(), |known| known.label.as_str())
+    }
+
     /// The cells of the design, in file order.
     pub fn cells(&self) -> &[Cell] {
         &self.cells

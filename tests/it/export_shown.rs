@@ -276,3 +276,69 @@ async fn every_answer_names_the_study_file_and_the_program() {
     assert_eq!(wide[1]["study_version_hash"], study.hash());
     app.stop().await;
 }
+
+#[tokio::test]
+async fn a_condition_is_one_of_the_levels_that_the_codebook_tells() {
+    let files = vec![(
+        "between.toml".to_owned(),
+        crate::conditions::BETWEEN.to_owned(),
+    )];
+    let app = App::with(Clock::manual(START), files).await;
+    app.participant_of("/s/between").await;
+    let get = async |path: &str| {
+        let url = format!("{}/api/v1/studies/between/export/{path}", app.url);
+        app.client
+            .get(url)
+            .send()
+            .await
+            .unwrap()
+            .text()
+            .await
+            .unwrap()
+    };
+    let codebook: Value = serde_json::from_str(&get("codebook.json").await).unwrap();
+    let columns = codebook["tables"][1]["columns"].as_array().unwrap();
+    let column = columns
+        .iter()
+        .find(|column| column["name"] == "condition")
+        .unwrap();
+    assert_eq!(column["type"], "level");
+    assert_eq!(
+        column["levels"][0],
+        serde_json::json!({ "code": "gain/small", "label": "Gain, Small" })
+    );
+    let levels = column["levels"].as_array().unwrap();
+    let wide = get("wide.csv").await;
+    let row: BTreeMap<String, String> = csv::Reader::from_reader(wide.as_bytes())
+        .deserialize()
+        .next()
+        .unwrap()
+        .unwrap();
+    assert!(levels.iter().any(|level| level["code"] == row["condition"]));
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn the_archive_says_which_blocks_are_practice() {
+    let app = serve().await;
+    let url = format!("{}/api/v1/studies/stops/export/psych-ds.zip", app.url);
+    let archive = app
+        .client
+        .get(url)
+        .send()
+        .await
+        .unwrap()
+        .bytes()
+        .await
+        .unwrap();
+    let mut archive = zip::ZipArchive::new(std::io::Cursor::new(archive)).unwrap();
+    let mut readme = String::new();
+    let mut file = archive.by_name("README.md").unwrap();
+    std::io::Read::read_to_string(&mut file, &mut readme).unwrap();
+    assert!(
+        readme.contains("Those of the blocks `warm-up` are for practice"),
+        "{readme}"
+    );
+    drop(file);
+    app.stop().await;
+}

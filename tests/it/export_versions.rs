@@ -238,6 +238,9 @@ async fn a_bonus_has_the_digits_of_its_currency() {
     let app = with_an_answer().await;
     assert_eq!(only_row(&bytes(&app, "wide.csv").await)["bonus"], "5");
     assert_eq!(only_row(&bytes(&app, "bonus.csv").await)["amount"], "5");
+    let columns = described(&app).await;
+    let bonus = columns.iter().find(|column| column["name"] == "bonus");
+    assert_eq!(bonus.unwrap()["unit"], "JPY");
     app.stop().await;
 }
 
@@ -374,7 +377,7 @@ kind = "choice""#;
         "Which?",
         "Sure",
         "Your status?",
-        "<li>No</li>",
+        "<li>1 No</li>",
         "I fear.",
         "Finish",
         "<h2>Done</h2>",
@@ -383,7 +386,7 @@ kind = "choice""#;
     }
     for read in [
         "<h1>Stimmungen</h1>",
-        "<li>Nein</li>",
+        "<li>1 Nein</li>",
         "<h2>Fertig</h2>",
         "I fear.",
     ] {
@@ -423,13 +426,9 @@ impl std::io::Write for Slowly {
 #[tokio::test(flavor = "multi_thread")]
 async fn both_tables_of_the_archive_tell_of_the_same_people() {
     let (app, link) = answered().await;
-    let export = Export::open(
-        &app.store,
-        &"moods".into(),
-        Population::People,
-        Ids::LeftOut,
-    );
-    let export = export.await.unwrap();
+    let study = "moods".into();
+    let export = Export::open(&app.store, &study, Population::People, Ids::LeftOut).await;
+    let export = export.unwrap();
     // Whoever begins after the export was opened is not in it.
     app.participant_of("/s/moods").await;
     let mut out = Slowly {
