@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use serde::Serialize;
 
 use super::Export;
-use crate::store::VersionId;
+use crate::store::VersionNumber;
 use crate::study::step::InputDevice;
 use crate::study::{Asks, Study};
 
@@ -97,7 +97,7 @@ impl Level {
     }
 
     /// Notes what another version calls it.
-    fn also_called(&mut self, label: &str, version: VersionId) {
+    fn also_called(&mut self, label: &str, version: VersionNumber) {
         let is_told = self.label == label
             || self.label.starts_with(&format!("{label} (in version "))
             || self.label.ends_with(&format!(": {label})"));
@@ -126,7 +126,7 @@ impl Column {
     }
 
     /// Adds what another version of the study knows of the same column.
-    pub(super) fn join(&mut self, other: Self, version: VersionId) {
+    pub(super) fn join(&mut self, other: Self, version: VersionNumber) {
         for level in other.levels {
             match self
                 .levels
@@ -190,7 +190,9 @@ pub(super) fn missing_meaning(code: &str) -> &'static str {
         }
         WITHDRAWN => "the person withdrew, and everything they answered is erased",
         NOT_ANSWERED => "shown and left empty",
-        NOT_MEASURED => "not measured, for example because the page ran without scripts",
+        NOT_MEASURED => {
+            "not measured, for example because the page ran without scripts, or not told where answers were imported"
+        }
         _ => "",
     }
 }
@@ -265,10 +267,9 @@ pub(super) fn factors<'a>(studies: impl Iterator<Item = &'a Study>) -> Vec<Facto
     found
 }
 
-pub(super) fn study_column(export: &Export) -> Column {
-    Column::new("study", "Study", ColumnKind::Text, "The id of the study").with_levels(vec![
-        Level::new(export.study.id().as_str(), export.study.title()),
-    ])
+pub(super) fn study_column(study: &Study) -> Column {
+    Column::new("study", "Study", ColumnKind::Text, "The id of the study")
+        .with_levels(vec![Level::new(study.id().as_str(), study.title())])
 }
 
 pub(super) fn version_column(export: &Export) -> Column {
@@ -278,11 +279,15 @@ pub(super) fn version_column(export: &Export) -> Column {
         .iter()
         .map(|version| {
             Level::new(
-                version.id.to_string(),
+                version.number.to_string(),
                 format!("study file with SHA-256 {}", version.hash),
             )
         })
         .collect();
+    version_column_of(versions)
+}
+
+fn version_column_of(versions: Vec<Level>) -> Column {
     Column::new(
         "version",
         "Version of the study",
@@ -331,10 +336,10 @@ pub(super) fn simulated_column() -> Column {
 }
 
 /// The actions of all versions, each once.
-fn all_actions(export: &Export) -> Vec<Level> {
+fn all_actions(studies: &[&Study]) -> Vec<Level> {
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
-    for study in export.versions_current_first() {
+    for study in studies {
         for contents in study.contents() {
             let Asks::Choices { questions, .. } = contents.asks else {
                 continue;
@@ -351,37 +356,44 @@ fn all_actions(export: &Export) -> Vec<Level> {
 
 /// The long table's columns.
 pub(super) fn long(export: &Export) -> Vec<Column> {
-    let mut columns = before_factors(export);
-    let after = after_factors(export);
+    let studies: Vec<&Study> = export.versions_current_first().collect();
+    long_of(&studies, version_column(export))
+}
+
+/// The long table's columns for answers to one study file that no database holds.
+pub(super) fn long_unstored(study: &Study) -> Vec<Column> {
+    long_of(&[study], version_column_of(Vec::new()))
+}
+
+/// The current version of the study comes first; there is at least one.
+fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
+    let mut columns = before_factors(studies[0], version_column);
+    let after = after_factors(studies);
     // A version that is stored may have factors with the names of other columns, which keep them.
     let mut names = Names::default();
     for column in columns.iter().chain(&after) {
         names.distinct(&column.name);
     }
-    columns.extend(
-        factors(export.versions_current_first())
-            .into_iter()
-            .map(|factor| {
-                Column::new(
-                    names.distinct(&factor.id),
-                    &factor.label,
-                    ColumnKind::Level,
-                    format!(
-                        "The level of the factor {}; empty where the question leaves it open",
-                        factor.label
-                    ),
-                )
-                .with_levels(factor.levels)
-            }),
-    );
+    columns.extend(factors(studies.iter().copied()).into_iter().map(|factor| {
+        Column::new(
+            names.distinct(&factor.id),
+            &factor.label,
+            ColumnKind::Level,
+            format!(
+                "The level of the factor {}; empty where the question leaves it open",
+                factor.label
+            ),
+        )
+        .with_levels(factor.levels)
+    }));
     columns.extend(after);
     columns
 }
 
-fn before_factors(export: &Export) -> Vec<Column> {
+fn before_factors(study: &Study, version_column: Column) -> Vec<Column> {
     vec![
-        study_column(export),
-        version_column(export),
+        study_column(study),
+        version_column,
         participant_column(),
         run_state_column(),
         Column::new(
@@ -411,10 +423,10 @@ fn before_factors(export: &Export) -> Vec<Column> {
     ]
 }
 
-fn after_factors(export: &Export) -> Vec<Column> {
+fn after_factors(studies: &[&Study]) -> Vec<Column> {
     vec![
         Column::new("action", "Action", ColumnKind::Level, "The chosen action")
-            .with_levels(all_actions(export))
+            .with_levels(all_actions(studies))
             .missing_as(&[TIMED_OUT, SKIPPED]),
         Column::new("status", "Status", ColumnKind::Level, "What became of the question").with_levels(answer_statuses()),
         Column::new(
@@ -432,7 +444,7 @@ fn after_factors(export: &Export) -> Vec<Column> {
             "When the question was answered or closed, on the server's clock, since 1970 (UTC)",
         )
         .in_unit("ms")
-        .missing_as(&[SKIPPED]),
+        .missing_as(&[NOT_MEASURED, SKIPPED]),
         Column::new(
             "server_ms",
             "Time on the server",

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::cell::{number, text};
 use super::columns::LONG_BEFORE_FACTORS;
 use super::rows::Rows;
-use super::{Export, ExportError, columns};
+use super::{Column, Export, ExportError, columns};
 use crate::model::OrderedMap;
 use crate::store::{AnswerKey, AnswerRow, AnswerStatus, RunState};
 use crate::study::Study;
@@ -41,6 +41,7 @@ pub struct Answer<'a> {
     /// Whether the question was for practice.
     practice: bool,
     shown_at_ms: Option<i64>,
+    /// Null where an import did not tell, and for a question that the run ended without.
     answered_at_ms: Option<i64>,
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
@@ -78,7 +79,7 @@ impl<'a> Answer<'a> {
             .filter(|(id, _)| study.factors().iter().all(|factor| factor.id != **id));
         Self {
             study: study.id().as_str(),
-            version: row.version.get(),
+            version: row.version_number.get(),
             study_version_hash: &row.study_version_hash,
             program_version: row.program_version.as_deref(),
             participant: row.key.run.get(),
@@ -149,17 +150,49 @@ pub(super) fn csv(
     rows: &mut Rows,
     out: &mut dyn io::Write,
 ) -> Result<u64, ExportError> {
-    let factors = columns::factors(export.versions_current_first());
-    let factors: Vec<String> = factors.into_iter().map(|factor| factor.id).collect();
-    let mut writer = csv::Writer::from_writer(out);
-    let header = columns::long(export);
-    writer.write_record(header.iter().map(|column| column.name.as_str()))?;
+    let factors = factor_ids(export.versions_current_first());
+    let mut writer = headed(&columns::long(export), out)?;
     let count = each(export, rows, |answer| {
         writer.write_record(answer.record(&factors))?;
         Ok(())
     })?;
     writer.flush()?;
     Ok(count)
+}
+
+/// Writes answers that no database holds, such as those of simulated people, as an export would write them, and says how many
+/// there are. All were given under one version of the study.
+///
+/// # Errors
+/// When an answer fails to come, or `out` takes no more.
+pub fn write_unstored<E: From<csv::Error> + From<io::Error>>(
+    study: &Study,
+    answers: impl IntoIterator<Item = Result<AnswerRow, E>>,
+    out: &mut dyn io::Write,
+) -> Result<u64, E> {
+    let factors = factor_ids(std::iter::once(study));
+    let mut writer = headed(&columns::long_unstored(study), out)?;
+    let mut rows = 0;
+    for row in answers {
+        writer.write_record(Answer::new(study, &row?).record(&factors))?;
+        rows += 1;
+    }
+    writer.flush()?;
+    Ok(rows)
+}
+
+fn factor_ids<'a>(studies: impl Iterator<Item = &'a Study>) -> Vec<String> {
+    let factors = columns::factors(studies);
+    factors.into_iter().map(|factor| factor.id).collect()
+}
+
+fn headed<'a>(
+    header: &[Column],
+    out: &'a mut dyn io::Write,
+) -> Result<csv::Writer<&'a mut dyn io::Write>, csv::Error> {
+    let mut writer = csv::Writer::from_writer(out);
+    writer.write_record(header.iter().map(|column| column.name.as_str()))?;
+    Ok(writer)
 }
 
 pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {

@@ -31,7 +31,7 @@ use tokio::runtime::Handle;
 
 pub use codebook::{Codebook, Table};
 pub use columns::{Column, ColumnKind, Level};
-pub use long::Answer;
+pub use long::{Answer, write_unstored};
 use rows::Rows;
 use versions::Versions;
 

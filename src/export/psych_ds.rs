@@ -49,12 +49,13 @@ fn make(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
     archive.table("documentation/codebook.csv", |out| codebook.write_csv(out))?;
     archive.text("documentation/codebook.json", &pretty(&codebook)?)?;
     for version in export.versions.stored() {
-        let path = format!("materials/study-version-{}.toml", version.id);
+        let path = format!("materials/study-version-{}.toml", version.number);
         archive.text(&path, &version.text)?;
     }
     for (version, study) in export.versions.iter() {
+        let number = export.versions.number(version);
         for language in study.languages() {
-            let path = format!("materials/texts-version-{version}-{language}.html");
+            let path = format!("materials/texts-version-{number}-{language}.html");
             archive.text(&path, &texts::page(study.in_language(language)))?;
         }
     }
@@ -249,7 +250,7 @@ fn changes(export: &Export) -> String {
         let _ = writeln!(
             text,
             "* version {}: first served at {} ms since 1970 (UTC) by riskaware {}; study file SHA-256 {}",
-            version.id, version.created_at.0, version.program_version, version.hash
+            version.number, version.created_at.0, version.program_version, version.hash
         );
     }
     text

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::ExportError;
-use crate::store::{Store, StudyVersion, VersionId};
+use crate::store::{Store, StudyVersion, VersionId, VersionNumber};
 use crate::study::{Study, StudyId};
 
 /// All readable versions of a study, the oldest first.
@@ -12,6 +12,7 @@ use crate::study::{Study, StudyId};
 pub(super) struct Versions {
     current: (VersionId, Arc<Study>),
     studies: BTreeMap<VersionId, Arc<Study>>,
+    numbers: BTreeMap<VersionId, VersionNumber>,
     stored: Arc<Vec<StudyVersion>>,
 }
 
@@ -25,7 +26,7 @@ impl Versions {
         let mut studies = BTreeMap::new();
         let mut current_study = None;
         for version in &stored {
-            let name = format!("version {} of {study}", version.id);
+            let name = format!("version {} of {study}", version.number);
             match Study::parse_stored(&name, &version.text) {
                 Ok(study) => {
                     let study = Arc::new(study);
@@ -47,6 +48,10 @@ impl Versions {
                 current_study.ok_or(crate::store::Error::NotFound("study version"))?,
             ),
             studies,
+            numbers: stored
+                .iter()
+                .map(|version| (version.id, version.number))
+                .collect(),
             stored: Arc::new(stored),
         })
     }
@@ -59,6 +64,11 @@ impl Versions {
     /// The study as it was in a version.
     pub(super) fn of(&self, version: VersionId) -> &Study {
         self.studies.get(&version).unwrap_or(&self.current.1)
+    }
+
+    /// The number of a readable version among those of its study.
+    pub(super) fn number(&self, version: VersionId) -> VersionNumber {
+        self.numbers[&version]
     }
 
     /// The version itself where it is readable, else the current one, whose labels stand for it.

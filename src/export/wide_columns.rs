@@ -7,7 +7,7 @@ use super::columns::{
     run_state_column, simulated_column, source_column, study_column, version_column,
 };
 use super::{Export, Ids, step_columns};
-use crate::store::VersionId;
+use crate::store::{VersionId, VersionNumber};
 use crate::study::step::FieldKind;
 use crate::study::{Asks, BlockContents, BlockId, QuestionId, ReplayId, Study};
 
@@ -118,7 +118,7 @@ pub(super) fn all(export: &Export) -> Vec<WideColumn> {
             .contents()
             .flat_map(|contents| of_block(&contents, &scored))
         {
-            columns.add(column, Some(version));
+            columns.add(column, Some((version, export.versions.number(version))));
         }
     }
     columns.columns
@@ -182,14 +182,14 @@ impl Columns {
     /// earlier version are; where its values are of another kind, or of a scale with more or fewer points, it is a column of its own,
     /// so that no number stands for two things. A field's id may make the name of another column, such as that of its
     /// form's status: the later column is numbered then.
-    fn add(&mut self, mut column: WideColumn, version: Option<VersionId>) {
-        column.versions.extend(version);
+    fn add(&mut self, mut column: WideColumn, version: Option<(VersionId, VersionNumber)>) {
+        column.versions.extend(version.map(|(version, _)| version));
         let key = (column.cell.clone(), column.column.kind, column.points);
         match (self.places.get(&key), version) {
-            (Some(place), Some(version)) => {
+            (Some(place), Some((version, number))) => {
                 let known = &mut self.columns[*place];
                 known.versions.insert(version);
-                known.column.join(column.column, version);
+                known.column.join(column.column, number);
             }
             (Some(_), None) => {}
             (None, _) => {
@@ -245,7 +245,7 @@ fn currencies(export: &Export) -> Vec<&str> {
 fn wide_head(export: &Export) -> Vec<WideColumn> {
     let plain = WideColumn::new;
     let mut columns = vec![
-        plain(study_column(export), WideCell::Study),
+        plain(study_column(export.study()), WideCell::Study),
         plain(version_column(export), WideCell::Version),
         plain(
             Column::new(
@@ -299,7 +299,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "When the run began, since 1970 (UTC)",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::StartedAt,
         ),
         plain(
@@ -309,7 +310,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "When the run ended, since 1970 (UTC); empty while it is under way",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::FinishedAt,
         ),
         plain(
@@ -319,7 +321,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "From the start to the end of the run",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::Duration,
         ),
         plain(

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::load::time_factor;
 use super::{
     AnalysisSet, AnswerStatus, Error, EventId, EventKind, Moment, Population, RunId, RunState,
-    Store, Verdict, VersionId,
+    Store, Verdict, VersionId, VersionNumber,
 };
 use crate::study::{
     ActionId, BlockId, DEFAULT_GRACE_MS, Deadline, FactorId, LevelId, QuestionId, StudyId,
@@ -41,6 +41,8 @@ pub struct AnswerRow {
     pub study_version_hash: String,
     /// The program under which the run was taken; none where that is not known, or it was taken elsewhere.
     pub program_version: Option<String>,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// The state of the run now.
     pub run_state: RunState,
     /// The block.
@@ -63,7 +65,7 @@ pub struct AnswerRow {
     pub is_practice: bool,
     /// When the question was first shown.
     pub shown_at: Option<Timestamp>,
-    /// When it was answered or closed; none for a question that the run ended without.
+    /// When it was answered or closed; none for a question that the run ended without, and where an import did not tell.
     pub answered_at: Option<Timestamp>,
     /// Milliseconds between the two on the server's clock.
     pub server_ms: Option<u64>,
@@ -122,6 +124,7 @@ struct ExportRow {
     version_id: VersionId,
     study_version_hash: String,
     program_version: Option<String>,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     run_state: RunState,
     block: String,
@@ -177,12 +180,15 @@ impl Moment {
         let rows: Vec<ExportRow> = sqlx::query_as(
             r#"
             select
-                run.id as run_id, step.position, run.version_id, study_version.hash as study_version_hash,
-                run.program_version, run.state as run_state, step.block, step.question,
+                run.id as run_id, step.position, run.version_id, study_version.number as version_number,
+                study_version.hash as study_version_hash, run.program_version, run.state as run_state, step.block, step.question,
                 problem.cell, step.data -> '$.levels' as levels, answer.action, ifnull(answer.status, 'skipped') as status,
                 ifnull(answer.is_counted, 0) as is_counted, step.is_fitted, step.is_practice,
-                iif(answer.event_id is null, run.shown_at_ms, answer.shown_at_ms) as shown_at_ms,
-                answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
+                case
+                    when answer.event_id is null then run.shown_at_ms
+                    when run.has_times then answer.shown_at_ms
+                end as shown_at_ms,
+                iif(run.has_times, answer.answered_at_ms, null) as answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
                 step.limit_ms as step_limit_ms, run.time_factor, run.condition, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
@@ -310,6 +316,7 @@ impl ExportRow {
             version: self.version_id,
             study_version_hash: self.study_version_hash,
             program_version: self.program_version,
+            version_number: self.version_number,
             run_state: self.run_state,
             block: self.block.into(),
             question: self.question.map(QuestionId::from),

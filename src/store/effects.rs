@@ -68,6 +68,7 @@ pub(super) struct NewRunRow {
     pub(super) expires_at: Option<i64>,
     /// None where the run was taken elsewhere.
     pub(super) program_version: Option<&'static str>,
+    pub(super) has_times: bool,
     pub(super) at: i64,
 }
 

@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::{AnswerStatus, Error, Moment, Population, RunId, RunState, VersionId};
+use super::{
+    AnswerStatus, Error, Moment, Population, RunId, RunState, VersionId, VersionNumber,
+};
 use crate::study::{ActionId, BlockId, QuestionId, ReplayId, StudyId, Timestamp};
 
 /// One run as an export has it.
@@ -16,6 +18,8 @@ pub struct ParticipantRow {
     pub study_version_hash: String,
     /// The program under which the run was taken; none where that is not known, or it was taken elsewhere.
     pub program_version: Option<String>,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// How far the run is.
     pub state: RunState,
     /// The levels of the between-subjects factors, joined by `/`; none in a study without such factors.
@@ -26,11 +30,11 @@ pub struct ParticipantRow {
     pub language: Option<String>,
     /// Extra time for timed questions: 1 is the usual time.
     pub time_factor: f64,
-    /// When the run began.
-    pub started_at: Timestamp,
+    /// When the run began; none where an import did not tell.
+    pub started_at: Option<Timestamp>,
     /// The last step that was shown: how far the person came. None where nothing was, and of whoever withdrew.
     pub last_position: Option<u32>,
-    /// When it ended.
+    /// When it ended, if it has and that is known.
     pub finished_at: Option<Timestamp>,
     /// The recruiting platform, if the link named one.
     pub platform: Option<String>,
@@ -71,13 +75,14 @@ struct StoredParticipant {
     version_id: VersionId,
     study_version_hash: String,
     program_version: Option<String>,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     state: RunState,
     condition: Option<String>,
     source: Option<String>,
     language: Option<String>,
     time_factor: f64,
-    started_at_ms: i64,
+    started_at_ms: Option<i64>,
     finished_at_ms: Option<i64>,
     last_position: Option<u32>,
     platform: Option<String>,
@@ -116,8 +121,11 @@ impl Moment {
         let rows: Vec<StoredParticipant> = sqlx::query_as(
             r#"
             select
-                run.id, run.version_id, study_version.hash as study_version_hash, run.program_version, run.state, run.condition, run.source, run.language, run.time_factor,
-                run.started_at_ms, run.finished_at_ms,
+                run.id, run.version_id, study_version.number as version_number,
+                study_version.hash as study_version_hash, run.program_version, run.state, run.condition, run.source,
+                run.language, run.time_factor,
+                iif(run.has_times, run.started_at_ms, null) as started_at_ms,
+                iif(run.has_times, run.finished_at_ms, null) as finished_at_ms,
                 case
                     when run.state = 'withdrawn' then null
                     when run.shown_at_ms is not null then run.position
@@ -196,12 +204,13 @@ impl StoredParticipant {
             version: self.version_id,
             study_version_hash: self.study_version_hash,
             program_version: self.program_version,
+            version_number: self.version_number,
             state: self.state,
             condition: self.condition,
             source: self.source,
             language: self.language,
             time_factor: self.time_factor,
-            started_at: Timestamp(self.started_at_ms),
+            started_at: self.started_at_ms.map(Timestamp),
             finished_at: self.finished_at_ms.map(Timestamp),
             last_position: self.last_position,
             platform: self.platform,
