@@ -227,7 +227,10 @@ impl<'a> Row<'a> {
                 Some(AnswerStatus::Skipped)
             }
             Some(Ok(AnswerStatus::Skipped) | Err(_)) => {
-                faults.push(self.fault("status", "answered, late, timed_out, or nothing; skipped without an action"));
+                faults.push(self.fault(
+                    "status",
+                    "answered, late, timed_out, or nothing; skipped without an action",
+                ));
                 None
             }
         }

@@ -2,9 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{
-    AnswerStatus, Error, Moment, Population, RunId, RunState, VersionId, VersionNumber,
-};
+use super::{AnswerStatus, Error, Moment, Population, RunId, RunState, VersionId, VersionNumber};
 use crate::study::{ActionId, BlockId, QuestionId, ReplayId, StudyId, Timestamp};
 
 /// One run as an export has it.
