@@ -278,3 +278,6 @@ create trigger audit_is_never_shortened before delete on audit
 begin
     select raise(abort, 'the audit log is only appended to');
 end;
+
+-- The program that drew and judged a run. Unknown of runs before this schema, and of answers that were given elsewhere.
+alter table run add column program_version text;

@@ -59,7 +59,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         .version;
     let stored = store.study_version(version).await?;
     let name = format!("version {} of {study}", stored.number);
-    let parsed = Study::parse(&name, &stored.text)?;
+    let parsed = Study::parse_stored(&name, &stored.text)?;
     let mapping = match &map {
         None => Mapping::default(),
         Some(path) => {
@@ -95,7 +95,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
     audit::record(&store, "import answers", Some(&study), Some(detail)).await?;
     store.close().await;
     println!(
-        "{} answers of {people} people are imported into {study}; {} rows of practice questions are left out",
+        "{} answers of {people} people are imported into {study}; {} rows of practice or unanswered questions are left out",
         imported.answers, imported.left_out
     );
     Ok(())

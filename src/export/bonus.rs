@@ -3,6 +3,7 @@
 use std::io;
 
 use super::cell::text;
+use super::rows::Rows;
 use super::wide::each_page;
 use super::{Export, ExportError, Ids};
 use crate::store::ParticipantRow;
@@ -16,25 +17,30 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     let mut writer = csv::Writer::from_writer(out);
     writer.write_record(HEADER)?;
     let mut count = 0;
-    each_page(export, |participants| {
-        for participant in participants {
-            let Some(amount) = amount(export, participant) else {
-                continue;
-            };
-            let id = match export.ids {
-                Ids::LeftOut => Some(participant.run.to_string()),
-                Ids::Hashed => participant.platform_key.as_deref().map(text),
-                Ids::Plain => export
-                    .store
-                    .plain_platform_id(export.study.id(), participant)
-                    .map(text),
-            };
-            let Some(id) = id else { continue };
-            writer.write_record([id, amount])?;
-            count += 1;
-        }
-        Ok(())
-    })?;
+    each_page(
+        export,
+        &mut Rows::ByPage,
+        async |_, _| Ok(()),
+        |participants, ()| {
+            for participant in participants {
+                let Some(amount) = amount(export, participant) else {
+                    continue;
+                };
+                let id = match export.ids {
+                    Ids::LeftOut => Some(participant.run.to_string()),
+                    Ids::Hashed => participant.platform_key.as_deref().map(text),
+                    Ids::Plain => export
+                        .store
+                        .plain_platform_id(export.study.id(), participant)
+                        .map(text),
+                };
+                let Some(id) = id else { continue };
+                writer.write_record([id, amount])?;
+                count += 1;
+            }
+            Ok(())
+        },
+    )?;
     writer.flush()?;
     Ok(count)
 }

@@ -6,8 +6,26 @@ use std::collections::BTreeSet;
 use serde::Serialize;
 
 use super::Export;
+use crate::store::VersionNumber;
 use crate::study::step::InputDevice;
 use crate::study::{Asks, Study};
+
+/// The names of a table's columns, each once.
+#[derive(Debug, Default)]
+pub(super) struct Names(BTreeSet<String>);
+
+impl Names {
+    /// The name, with a number where another column has it. No id holds `_`, so that a numbered name is no other id's.
+    pub(super) fn distinct(&mut self, wanted: &str) -> String {
+        let mut name = wanted.to_owned();
+        let mut number = 1;
+        while !self.0.insert(name.clone()) {
+            number += 1;
+            name = format!("{wanted}_{number}");
+        }
+        name
+    }
+}
 
 /// How many columns of the long table stand before those of the factors.
 pub(super) const LONG_BEFORE_FACTORS: usize = 8;
@@ -33,7 +51,7 @@ pub struct Column {
 }
 
 /// What the cells of a column are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, utoipa::ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ColumnKind {
     /// Words.
@@ -77,6 +95,16 @@ impl Level {
             label: label.into(),
         }
     }
+
+    /// Notes what another version calls it.
+    fn also_called(&mut self, label: &str, version: VersionNumber) {
+        let is_told = self.label == label
+            || self.label.starts_with(&format!("{label} (in version "))
+            || self.label.ends_with(&format!(": {label})"));
+        if !is_told {
+            self.label = format!("{} (in version {version}: {label})", self.label);
+        }
+    }
 }
 
 impl Column {
@@ -94,6 +122,34 @@ impl Column {
             kind,
             levels: Vec::new(),
             missing: Vec::new(),
+        }
+    }
+
+    /// Adds what another version of the study knows of the same column.
+    pub(super) fn join(&mut self, other: Self, version: VersionNumber) {
+        for level in other.levels {
+            match self
+                .levels
+                .iter_mut()
+                .find(|known| known.code == level.code)
+            {
+                Some(known) => known.also_called(&level.label, version),
+                None => self.levels.push(level),
+            }
+        }
+        for missing in other.missing {
+            if !self.missing.contains(&missing) {
+                self.missing.push(missing);
+            }
+        }
+    }
+
+    /// The unit where there is one; several, where versions differ, are told together.
+    pub(super) fn in_units(self, units: Vec<&str>) -> Self {
+        if units.is_empty() {
+            self
+        } else {
+            self.in_unit(&units.join(" or "))
         }
     }
 
@@ -118,6 +174,7 @@ impl Column {
 
 pub(super) const TIMED_OUT: &str = "timed_out";
 pub(super) const SKIPPED: &str = "skipped";
+pub(super) const OPEN: &str = "open";
 pub(super) const NOT_SHOWN: &str = "not_shown";
 pub(super) const WITHDRAWN: &str = "withdrawn";
 pub(super) const NOT_ANSWERED: &str = "not_answered";
@@ -126,9 +183,10 @@ pub(super) const NOT_MEASURED: &str = "not_measured";
 pub(super) fn missing_meaning(code: &str) -> &'static str {
     match code {
         TIMED_OUT => "the time ran out without an answer",
-        SKIPPED => "passed over on purpose (only in imported answers)",
+        SKIPPED => "shown and never answered: the run ended before",
+        OPEN => "on the participant's screen when the data were exported",
         NOT_SHOWN => {
-            "not shown, or not closed yet when the data were exported; also where the participant's version of the study does not ask it"
+            "not shown to this participant; also where their version of the study does not ask it"
         }
         WITHDRAWN => "the person withdrew, and everything they answered is erased",
         NOT_ANSWERED => "shown and left empty",
@@ -309,8 +367,32 @@ pub(super) fn long_unstored(study: &Study) -> Vec<Column> {
 
 /// The current version of the study comes first; there is at least one.
 fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
-    let mut columns = vec![
-        study_column(studies[0]),
+    let mut columns = before_factors(studies[0], version_column);
+    let after = after_factors(studies);
+    // A version that is stored may have factors with the names of other columns, which keep them.
+    let mut names = Names::default();
+    for column in columns.iter().chain(&after) {
+        names.distinct(&column.name);
+    }
+    columns.extend(factors(studies.iter().copied()).into_iter().map(|factor| {
+        Column::new(
+            names.distinct(&factor.id),
+            &factor.label,
+            ColumnKind::Level,
+            format!(
+                "The level of the factor {}; empty where the question leaves it open",
+                factor.label
+            ),
+        )
+        .with_levels(factor.levels)
+    }));
+    columns.extend(after);
+    columns
+}
+
+fn before_factors(study: &Study, version_column: Column) -> Vec<Column> {
+    vec![
+        study_column(study),
         version_column,
         participant_column(),
         run_state_column(),
@@ -336,22 +418,13 @@ fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
             "problem",
             "Choice problem",
             ColumnKind::Text,
-            "The cell's id (its levels joined by /), or block:question outside the design; the `problem` of fits",
+            "The cell's id (its levels joined by /), or block:question outside the design, as of practice; the `problem` of fits",
         ),
-    ];
-    columns.extend(factors(studies.iter().copied()).into_iter().map(|factor| {
-        Column::new(
-            factor.id,
-            &factor.label,
-            ColumnKind::Level,
-            format!(
-                "The level of the factor {}; empty outside the design",
-                factor.label
-            ),
-        )
-        .with_levels(factor.levels)
-    }));
-    columns.extend([
+    ]
+}
+
+fn after_factors(studies: &[&Study]) -> Vec<Column> {
+    vec![
         Column::new("action", "Action", ColumnKind::Level, "The chosen action")
             .with_levels(all_actions(studies))
             .missing_as(&[TIMED_OUT, SKIPPED]),
@@ -371,7 +444,7 @@ fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
             "When the question was answered or closed, on the server's clock, since 1970 (UTC)",
         )
         .in_unit("ms")
-        .missing_as(&[NOT_MEASURED]),
+        .missing_as(&[NOT_MEASURED, SKIPPED]),
         Column::new(
             "server_ms",
             "Time on the server",
@@ -379,7 +452,7 @@ fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
             "From showing the question to closing it on the server's clock, the network included",
         )
         .in_unit("ms")
-        .missing_as(&[NOT_MEASURED]),
+        .missing_as(&[NOT_MEASURED, SKIPPED]),
         Column::new(
             "client_rt_ms",
             "Response time",
@@ -387,7 +460,7 @@ fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
             "From the frame that showed the question to the choice, as the page measured it",
         )
         .in_unit("ms")
-        .missing_as(&[NOT_MEASURED, TIMED_OUT]),
+        .missing_as(&[NOT_MEASURED, TIMED_OUT, SKIPPED]),
         Column::new(
             "limit_ms",
             "Time limit",
@@ -417,6 +490,5 @@ fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
         .missing_as(&[NOT_MEASURED]),
         source_column(),
         simulated_column(),
-    ]);
-    columns
+    ]
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use super::cell::{number, text};
 use super::columns::LONG_BEFORE_FACTORS;
+use super::rows::Rows;
 use super::{Column, Export, ExportError, columns};
 use crate::model::OrderedMap;
 use crate::store::{AnswerKey, AnswerRow, AnswerStatus, RunState};
@@ -19,6 +20,11 @@ const PAGE_ROWS: u32 = 2_000;
 pub struct Answer<'a> {
     study: &'a str,
     version: i64,
+    /// SHA-256 of the study file under which the participant began.
+    study_version_hash: &'a str,
+    /// The program under which the run was taken.
+    #[schema(value_type = Option<String>)]
+    program_version: Option<&'a str>,
     participant: i64,
     run_state: RunState,
     block: &'a str,
@@ -30,8 +36,12 @@ pub struct Answer<'a> {
     #[schema(value_type = Option<String>)]
     action: Option<&'a str>,
     status: AnswerStatus,
+    /// Whether it is in the counts: no practice, and no extra time for a timed question.
+    counted: bool,
+    /// Whether the question was for practice.
+    practice: bool,
     shown_at_ms: Option<i64>,
-    /// Null where an import did not tell.
+    /// Null where an import did not tell, and for a question that the run ended without.
     answered_at_ms: Option<i64>,
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
@@ -39,6 +49,11 @@ pub struct Answer<'a> {
     #[schema(value_type = Option<String>)]
     input: Option<&'a str>,
     hidden_ms: Option<u64>,
+    /// What time limits were multiplied by for this person.
+    time_factor: f64,
+    /// The levels of the factors that differ between people, joined by `/`.
+    #[schema(value_type = Option<String>)]
+    condition: Option<&'a str>,
     #[schema(value_type = Option<String>)]
     source: Option<&'a str>,
     simulated: bool,
@@ -58,25 +73,32 @@ impl<'a> Answer<'a> {
             .problem
             .clone()
             .unwrap_or_else(|| format!("{}:{question}", row.block));
-        let levels = study
-            .cell(&problem)
-            .map(|cell| cell.levels.as_slice())
-            .unwrap_or_default();
+        // In the order of the file; what only another version has comes last.
+        let of_study = study.factors().iter().map(|factor| &factor.id);
+        let known = of_study.filter_map(|factor| row.levels.get_key_value(factor));
+        let others = row
+            .levels
+            .iter()
+            .filter(|(id, _)| study.factors().iter().all(|factor| factor.id != **id));
         Self {
             study: study.id().as_str(),
             version: row.version_number.get(),
+            study_version_hash: &row.study_version_hash,
+            program_version: row.program_version.as_deref(),
             participant: row.key.run.get(),
             run_state: row.run_state,
             block: row.block.as_str(),
             position: row.key.position,
             question,
-            levels: levels
-                .iter()
+            levels: known
+                .chain(others)
                 .map(|(factor, level)| (factor.to_string(), level.as_str()))
                 .collect(),
             problem,
             action: row.action.as_ref().map(|action| action.as_str()),
             status: row.status,
+            counted: row.is_counted,
+            practice: row.is_practice,
             shown_at_ms: row.shown_at.map(|at| at.0),
             answered_at_ms: row.answered_at.map(|at| at.0),
             server_ms: row.server_ms,
@@ -84,6 +106,8 @@ impl<'a> Answer<'a> {
             limit_ms: row.limit_ms,
             input: row.input.as_deref(),
             hidden_ms: row.hidden_ms,
+            time_factor: row.time_factor,
+            condition: row.condition.as_deref(),
             source: row.source.as_deref(),
             simulated: row.population.is_simulated(),
             excluded: row.excluded.as_deref(),
@@ -125,15 +149,19 @@ impl<'a> Answer<'a> {
     }
 }
 
-pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+pub(super) fn csv(
+    export: &Export,
+    rows: &mut Rows,
+    out: &mut dyn io::Write,
+) -> Result<u64, ExportError> {
     let factors = factor_ids(export.versions_current_first());
     let mut writer = headed(&columns::long(export), out)?;
-    let rows = each(export, |answer| {
+    let count = each(export, rows, |answer| {
         writer.write_record(answer.record(&factors))?;
         Ok(())
     })?;
     writer.flush()?;
-    Ok(rows)
+    Ok(count)
 }
 
 /// Writes answers that no database holds, such as those of simulated people, as an export would write them, and says how many
@@ -173,7 +201,7 @@ fn headed<'a>(
 
 pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
     let mut out = io::BufWriter::new(out);
-    let rows = each(export, |answer| {
+    let rows = each(export, &mut Rows::ByPage, |answer| {
         serde_json::to_writer(&mut out, &answer)?;
         io::Write::write_all(&mut out, b"\n")?;
         Ok(())
@@ -185,17 +213,18 @@ pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, Ex
 /// Reads all answers page by page.
 fn each(
     export: &Export,
+    from: &mut Rows,
     mut write: impl FnMut(Answer<'_>) -> Result<(), ExportError>,
 ) -> Result<u64, ExportError> {
     let mut after = AnswerKey::START;
     let mut count = 0;
     loop {
-        let rows = export.runtime.block_on(export.store.answers(
-            export.study.id(),
-            export.population,
-            after,
-            PAGE_ROWS,
-        ))?;
+        let rows = from.page(export, async |moment| {
+            let (study, last) = (export.study.id(), export.last_run);
+            moment
+                .answers(study, export.population, after, last, PAGE_ROWS)
+                .await
+        })?;
         for row in &rows {
             write(Answer::new(export.versions.of(row.version), row))?;
         }

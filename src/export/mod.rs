@@ -1,14 +1,14 @@
 //! A study's data as files, for programs that know nothing of riskaware.
 //!
 //! Everything here is written to an [`io::Write`] as it is read, page by page, so that memory stays flat and no read
-//! transaction waits for a slow reader. The same data give the same bytes: nothing depends on when or where an export is
+//! transaction waits for a slow reader; an archive, whose tables have to agree, is made beside the database first. The same data give the same bytes: nothing depends on when or where an export is
 //! made. In reading order:
 //!
 //! * [`Export`]: a study's data, ready to be written in any [`Form`];
 //! * `versions`: study files as they were when people answered;
-//! * [`Codebook`] (`codebook`, `columns`, `wide_columns`): every column of the tables, from which their headers come too;
-//! * `long`, `wide`, `bonus`: the tables; `cell`: what a cell may hold;
-//! * `psych_ds`, `archive`: one archive of everything, in the form of the Psych-DS standard.
+//! * [`Codebook`] (`codebook`, `columns`, `wide_columns`, `step_columns`): every column of the tables, from which their headers come too;
+//! * `long`, `wide`, `bonus`: the tables; `rows`: of which moment they are; `cell`: what a cell may hold;
+//! * `psych_ds`, `texts`, `archive`: one archive of everything, in the form of the Psych-DS standard.
 
 mod archive;
 mod bonus;
@@ -17,6 +17,9 @@ mod codebook;
 mod columns;
 mod long;
 mod psych_ds;
+mod rows;
+mod step_columns;
+mod texts;
 mod versions;
 mod wide;
 mod wide_columns;
@@ -29,9 +32,11 @@ use tokio::runtime::Handle;
 pub use codebook::{Codebook, Table};
 pub use columns::{Column, ColumnKind, Level};
 pub use long::{Answer, write_unstored};
+use rows::Rows;
 use versions::Versions;
 
-use crate::store::{self, Population, Store};
+use crate::store::{self, Population, RunId, Store};
+
 use crate::study::{RecruitingIds, Study, StudyId};
 
 /// What can be written.
@@ -140,6 +145,8 @@ pub struct Export {
     study: Arc<Study>,
     versions: Versions,
     ids: Ids,
+    /// Whoever begins later is not in it, because what their version asks may have no columns.
+    last_run: RunId,
 }
 
 impl Export {
@@ -153,6 +160,7 @@ impl Export {
         population: Population,
         ids: Ids,
     ) -> Result<Self, ExportError> {
+        let last_run = store.last_run().await?;
         let current = store.study(study).await?.version;
         let versions = Versions::read(store, study, current).await?;
         if ids == Ids::Plain
@@ -169,6 +177,7 @@ impl Export {
             study: versions.current().clone(),
             versions,
             ids,
+            last_run,
         })
     }
 
@@ -179,9 +188,7 @@ impl Export {
 
     /// All readable versions of the study, the current one first: what it asks now comes first in every table.
     fn versions_current_first(&self) -> impl Iterator<Item = &Study> {
-        let earlier = self.versions.iter().map(|(_, study)| study);
-        std::iter::once(self.study())
-            .chain(earlier.filter(|study| study.hash() != self.study.hash()))
+        self.versions.current_first().map(|(_, study)| study)
     }
 
     /// Every column of the tables.
@@ -196,9 +203,9 @@ impl Export {
     /// When the database or `out` fails; what was written until then is incomplete.
     pub fn write(&self, form: Form, out: &mut dyn io::Write) -> Result<u64, ExportError> {
         match form {
-            Form::LongCsv => long::csv(self, out),
+            Form::LongCsv => long::csv(self, &mut Rows::ByPage, out),
             Form::Ndjson => long::ndjson(self, out),
-            Form::WideCsv => wide::csv(self, out),
+            Form::WideCsv => wide::csv(self, &mut Rows::ByPage, out),
             Form::CodebookCsv => self.codebook().write_csv(out),
             Form::CodebookJson => self.codebook().write_json(out),
             Form::BonusCsv => bonus::csv(self, out),

@@ -3,19 +3,38 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::io;
+use std::io::{self, Seek};
+use std::path::Path;
 
 use serde::Serialize;
 
 use super::archive::{Archive, pretty};
 use super::columns::Column;
-use super::{Export, ExportError, Ids, codebook::Codebook, long, wide};
+use super::rows::Rows;
+use super::{Export, ExportError, Ids, codebook::Codebook, long, texts, wide};
 use crate::study::{Asks, Study};
 
 /// What the archive follows.
 const SCHEMA_VERSION: &str = "Psych-DS 1.5";
 
+/// Its two tables are of one moment: nobody is in one of them alone because they withdrew while the other was written. So it
+/// is made in a file without a name beside the database, and nobody who reads slowly holds that moment.
 pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+    let folder = export.store.path().parent();
+    let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
+    // A command that exports from a copy may not be able to write there.
+    let file = tempfile::tempfile_in(folder.unwrap_or(Path::new(".")))
+        .or_else(|_| tempfile::tempfile())?;
+    let mut file = io::BufWriter::new(file);
+    let files = make(export, &mut file)?;
+    let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+    file.rewind()?;
+    io::copy(&mut file, out)?;
+    Ok(files)
+}
+
+fn make(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+    let mut rows = Rows::of_one_moment(export)?;
     let codebook = export.codebook();
     let (answers, participants) = data_files(export.study());
     let mut archive = Archive::new(out);
@@ -25,15 +44,21 @@ pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     )?;
     archive.text("README.md", &readme(export, &answers, &participants))?;
     archive.text("CHANGES.md", &changes(export))?;
-    archive.table(&answers, |out| long::csv(export, out))?;
-    archive.table(&participants, |out| wide::csv(export, out))?;
+    archive.table(&answers, |out| long::csv(export, &mut rows, out))?;
+    archive.table(&participants, |out| wide::csv(export, &mut rows, out))?;
     archive.table("documentation/codebook.csv", |out| codebook.write_csv(out))?;
     archive.text("documentation/codebook.json", &pretty(&codebook)?)?;
     for version in export.versions.stored() {
         let path = format!("materials/study-version-{}.toml", version.number);
         archive.text(&path, &version.text)?;
     }
-    archive.text("materials/texts.html", &texts(export.study()))?;
+    for (version, study) in export.versions.iter() {
+        let number = export.versions.number(version);
+        for language in study.languages() {
+            let path = format!("materials/texts-version-{number}-{language}.html");
+            archive.text(&path, &texts::page(study.in_language(language)))?;
+        }
+    }
     archive.finish("documentation/manifest.json")
 }
 
@@ -178,19 +203,44 @@ fn readme(export: &Export, answers: &str, participants: &str) -> String {
          * `{participants}`: one row per participant; `participant` names a row.\n\
          * `documentation/codebook.csv` and `.json`: every column with its unit, levels and missing codes.\n\
          * `documentation/manifest.json`: rows, bytes and SHA-256 of every file.\n\
-         * `materials/`: the study file of every version, and the texts of the current one.\n\
+         * `materials/`: the study file of every version, and all that people read in each of its languages.\n\
          * `CHANGES.md`: the versions of the study.\n\n\
          ## Reading the tables\n\n\
          UTF-8, comma-separated, `.` as decimal sign. An empty cell is missing; the column of the status that belongs to it \
-         says why (`timed_out`, `skipped`, `not_shown`, `withdrawn`). Only rows with status `answered` are choices. A text \
+         says why (`timed_out`, `skipped`, `open`, `not_shown`, `withdrawn`). Only rows with status `answered` are choices.{practice} \
+         Somebody may have written `NA`: read the empty cell alone as missing, in R with `read_csv(FILE, na = \"\")`, in pandas \
+         with `read_csv(FILE, keep_default_na=False, na_values=[\"\"])`. A text \
          that begins with `=`, `+`, `-`, `@` or a tab has an apostrophe before it, so that no spreadsheet computes it. {ids}\n\n\
          The same data give the same bytes, so the archive's own SHA-256 can be cited.\n",
+        practice = practice(export),
         title = study.title(),
         summary = study.summary(),
         id = study.id(),
         hash = study.hash(),
         program = env!("CARGO_PKG_VERSION"),
     )
+}
+
+/// A sentence about the blocks for practice, if there are any.
+fn practice(export: &Export) -> String {
+    let mut blocks: Vec<String> = Vec::new();
+    for contents in export.versions_current_first().flat_map(Study::contents) {
+        let Asks::Choices { questions, .. } = contents.asks else {
+            continue;
+        };
+        let block = format!("`{}`", contents.block);
+        if questions.iter().any(|question| question.practice) && !blocks.contains(&block) {
+            blocks.push(block);
+        }
+    }
+    if blocks.is_empty() {
+        String::new()
+    } else {
+        format!(
+            " Those of the blocks {} are for practice and count nowhere.",
+            blocks.join(", ")
+        )
+    }
 }
 
 fn changes(export: &Export) -> String {
@@ -204,60 +254,6 @@ fn changes(export: &Export) -> String {
         );
     }
     text
-}
-
-/// What people read, in the order of the study file.
-fn texts(study: &Study) -> String {
-    let mut page = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n<title>{0}</title>\n<h1>{0}</h1>\n",
-        escaped(study.title())
-    );
-    for contents in study.contents() {
-        let mut add = |level: u8, title: &str, text: &str| {
-            // Writing to a text cannot fail.
-            let _ = write!(page, "<h{level}>{}</h{level}>\n{text}\n", escaped(title));
-        };
-        add(
-            2,
-            contents.title.unwrap_or(contents.block.as_str()),
-            contents.text_html.unwrap_or(""),
-        );
-        match contents.asks {
-            Asks::Nothing | Asks::Consent(_) => {}
-            Asks::Choices { questions, .. } => {
-                for question in questions {
-                    let actions: String = question
-                        .actions
-                        .iter()
-                        .map(|action| {
-                            format!(
-                                "<li>{}. {}</li>\n",
-                                escaped(&action.label),
-                                escaped(&action.detail)
-                            )
-                        })
-                        .collect();
-                    let text = format!("{}\n<ul>\n{actions}</ul>", question.text_html);
-                    add(3, question.title, &text);
-                }
-            }
-            Asks::Fields(fields) => {
-                let fields: String = fields
-                    .iter()
-                    .map(|field| format!("<li>{}</li>\n", escaped(&field.label)))
-                    .collect();
-                let _ = write!(page, "<ul>\n{fields}</ul>\n");
-            }
-        }
-    }
-    page.push_str("</html>\n");
-    page
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
 }
 
 #[cfg(test)]

@@ -4,14 +4,15 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::ExportError;
-use crate::store::{Store, StudyVersion, VersionId};
+use crate::store::{Store, StudyVersion, VersionId, VersionNumber};
 use crate::study::{Study, StudyId};
 
 /// All readable versions of a study, the oldest first.
 #[derive(Debug, Clone)]
 pub(super) struct Versions {
-    current: Arc<Study>,
+    current: (VersionId, Arc<Study>),
     studies: BTreeMap<VersionId, Arc<Study>>,
+    numbers: BTreeMap<VersionId, VersionNumber>,
     stored: Arc<Vec<StudyVersion>>,
 }
 
@@ -26,7 +27,7 @@ impl Versions {
         let mut current_study = None;
         for version in &stored {
             let name = format!("version {} of {study}", version.number);
-            match Study::parse(&name, &version.text) {
+            match Study::parse_stored(&name, &version.text) {
                 Ok(study) => {
                     let study = Arc::new(study);
                     if version.id == current {
@@ -42,20 +43,48 @@ impl Versions {
             }
         }
         Ok(Self {
-            current: current_study.ok_or(crate::store::Error::NotFound("study version"))?,
+            current: (
+                current,
+                current_study.ok_or(crate::store::Error::NotFound("study version"))?,
+            ),
             studies,
+            numbers: stored
+                .iter()
+                .map(|version| (version.id, version.number))
+                .collect(),
             stored: Arc::new(stored),
         })
     }
 
     /// The version that new participants get.
     pub(super) fn current(&self) -> &Arc<Study> {
-        &self.current
+        &self.current.1
     }
 
     /// The study as it was in a version.
     pub(super) fn of(&self, version: VersionId) -> &Study {
-        self.studies.get(&version).unwrap_or(&self.current)
+        self.studies.get(&version).unwrap_or(&self.current.1)
+    }
+
+    /// The number of a readable version among those of its study.
+    pub(super) fn number(&self, version: VersionId) -> VersionNumber {
+        self.numbers[&version]
+    }
+
+    /// The version itself where it is readable, else the current one, whose labels stand for it.
+    pub(super) fn readable(&self, version: VersionId) -> VersionId {
+        if self.studies.contains_key(&version) {
+            version
+        } else {
+            self.current.0
+        }
+    }
+
+    /// The readable versions, the current one first: what it asks now comes first in every table.
+    pub(super) fn current_first(&self) -> impl Iterator<Item = (VersionId, &Study)> {
+        let (current, study) = &self.current;
+        let others = self.iter().filter(move |(version, _)| version != current);
+        std::iter::once((*current, study.as_ref())).chain(others)
     }
 
     /// The readable versions by id.

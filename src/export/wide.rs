@@ -6,31 +6,37 @@ use std::io;
 use serde_json::{Map, Value};
 
 use super::cell::{number, text, value};
-use super::wide_columns::{StepCell, StepKey, WideCell, WideColumn};
+use super::columns::{NOT_SHOWN, OPEN, SKIPPED};
+use super::rows::Rows;
+use super::wide_columns::{ReplayCell, StepCell, StepKey, WideCell, WideColumn};
 use super::{Export, ExportError, bonus, wide_columns};
-use crate::store::{ParticipantRow, RunId, RunState, StepAnswer, VersionId};
-use crate::study::step::Field;
-use crate::study::{Asks, BlockId};
+use crate::store::{self, Moment, ParticipantRow, RunId, RunState, StepAnswer, VersionId};
+use crate::study::step::{Field, Viewing};
+use crate::study::{Asks, BlockId, ReplayId};
 
 /// Participants that are read at once, with all of their answers.
 const PAGE_PARTICIPANTS: u32 = 200;
 
-pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
+pub(super) fn csv(
+    export: &Export,
+    rows: &mut Rows,
+    out: &mut dyn io::Write,
+) -> Result<u64, ExportError> {
     let columns = wide_columns::all(export);
     let forms = forms(export);
     let mut writer = csv::Writer::from_writer(out);
     writer.write_record(columns.iter().map(|column| column.column.name.as_str()))?;
     let mut count = 0;
-    each_page(export, |participants| {
+    let answers = async |moment: &mut Moment, participants: &[ParticipantRow]| {
         let (Some(first), Some(last)) = (participants.first(), participants.last()) else {
-            return Ok(());
+            return Ok(Vec::new());
         };
-        let answers = export.runtime.block_on(export.store.step_answers(
-            export.study.id(),
-            export.population,
-            first.run,
-            last.run,
-        ))?;
+        let study = export.study.id();
+        moment
+            .step_answers(study, export.population, first.run, last.run)
+            .await
+    };
+    each_page(export, rows, answers, |participants, answers| {
         let mut answers = answers.as_slice();
         for participant in participants {
             // A run that began since then is not on this page, but its answers may stand between.
@@ -56,20 +62,24 @@ pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     Ok(count)
 }
 
-/// Reads all participants page by page.
-pub(super) fn each_page(
+/// Reads all participants page by page, each with what `more` reads of the same moment.
+pub(super) fn each_page<T>(
     export: &Export,
-    mut write: impl FnMut(&[ParticipantRow]) -> Result<(), ExportError>,
+    rows: &mut Rows,
+    more: impl AsyncFn(&mut Moment, &[ParticipantRow]) -> Result<T, store::Error>,
+    mut write: impl FnMut(&[ParticipantRow], T) -> Result<(), ExportError>,
 ) -> Result<(), ExportError> {
     let mut after = RunId::from(0);
     loop {
-        let page = export.runtime.block_on(export.store.participants(
-            export.study.id(),
-            export.population,
-            after,
-            PAGE_PARTICIPANTS,
-        ))?;
-        write(&page)?;
+        let (page, with) = rows.page(export, async |moment| {
+            let (study, last) = (export.study.id(), export.last_run);
+            let page = moment
+                .participants(study, export.population, after, last, PAGE_PARTICIPANTS)
+                .await?;
+            let with = more(moment, &page).await?;
+            Ok((page, with))
+        })?;
+        write(&page, with)?;
         match page.last() {
             Some(last) if page.len() == PAGE_PARTICIPANTS as usize => after = last.run,
             Some(_) | None => return Ok(()),
@@ -88,9 +98,51 @@ fn forms(export: &Export) -> Forms<'_> {
     contents
         .filter_map(|(version, contents)| match contents.asks {
             Asks::Fields(fields) => Some(((version, contents.block), fields)),
-            Asks::Nothing | Asks::Consent(_) | Asks::Choices { .. } => None,
+            Asks::Nothing | Asks::Replays(_) | Asks::Consent(_) | Asks::Choices { .. } => None,
         })
         .collect()
+}
+
+/// A step with what was sent for it.
+struct Answered<'a> {
+    answer: &'a StepAnswer,
+    members: Map<String, Value>,
+    viewings: Vec<Viewing>,
+}
+
+impl<'a> Answered<'a> {
+    fn read(answer: &'a StepAnswer) -> Result<Self, ExportError> {
+        let sent = answer.value.as_deref().map(serde_json::from_str);
+        let (members, viewings) = match sent.transpose()? {
+            Some(Value::Object(members)) => (members, Vec::new()),
+            Some(viewings @ Value::Array(_)) => (Map::new(), serde_json::from_value(viewings)?),
+            Some(Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_)) | None => {
+                (Map::new(), Vec::new())
+            }
+        };
+        Ok(Self {
+            answer,
+            members,
+            viewings,
+        })
+    }
+
+    fn of_replay(&self, replay: &ReplayId, cell: ReplayCell) -> String {
+        let viewing = self
+            .viewings
+            .iter()
+            .find(|viewing| viewing.replay == *replay);
+        match cell {
+            ReplayCell::Place => {
+                let place = self.answer.replays.iter().position(|shown| shown == replay);
+                number(place.map(|place| place + 1))
+            }
+            ReplayCell::Plays => number(viewing.map(|viewing| viewing.plays)),
+            ReplayCell::Started => number(viewing.map(|viewing| viewing.started_ms)),
+            ReplayCell::Seen => number(viewing.map(|viewing| viewing.seen_ms)),
+            ReplayCell::Stills => number(viewing.map(|viewing| viewing.stills)),
+        }
+    }
 }
 
 /// A participant with their steps by name.
@@ -98,7 +150,7 @@ struct Row<'a> {
     export: &'a Export,
     forms: &'a Forms<'a>,
     participant: &'a ParticipantRow,
-    steps: BTreeMap<StepKey, (&'a StepAnswer, Map<String, Value>)>,
+    steps: BTreeMap<StepKey, Answered<'a>>,
 }
 
 impl<'a> Row<'a> {
@@ -114,12 +166,7 @@ impl<'a> Row<'a> {
                 block: answer.block.clone(),
                 question: answer.question.clone(),
             };
-            let members = match answer.value.as_deref().map(serde_json::from_str) {
-                Some(Ok(Value::Object(members))) => members,
-                Some(Ok(_)) | None => Map::new(),
-                Some(Err(error)) => return Err(error.into()),
-            };
-            steps.insert(key, (answer, members));
+            steps.insert(key, Answered::read(answer)?);
         }
         Ok(Self {
             export,
@@ -135,6 +182,8 @@ impl<'a> Row<'a> {
         match &column.cell {
             WideCell::Study => text(self.export.study.id().as_str()),
             WideCell::Version => participant.version_number.to_string(),
+            WideCell::VersionHash => participant.study_version_hash.clone(),
+            WideCell::ProgramVersion => words(participant.program_version.as_deref()),
             WideCell::Participant => participant.run.to_string(),
             WideCell::RunState => participant.state.to_string(),
             WideCell::Condition => words(participant.condition.as_deref()),
@@ -156,6 +205,7 @@ impl<'a> Row<'a> {
                     .zip(participant.started_at)
                     .map(|(end, start)| end.millis_since(start)),
             ),
+            WideCell::LastPosition => number(participant.last_position),
             WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Excluded => words(participant.excluded.as_deref()),
             WideCell::Platform => words(participant.platform.as_deref()),
@@ -165,17 +215,17 @@ impl<'a> Row<'a> {
                     .store
                     .plain_platform_id(self.export.study.id(), participant),
             ),
-            WideCell::Step(key, cell) => self.of_step(key, cell),
+            WideCell::Step(key, cell) => self.of_step(column, key, cell),
         }
     }
 
-    fn of_step(&self, key: &StepKey, cell: &StepCell) -> String {
-        let Some((answer, members)) = self.steps.get(key) else {
+    fn of_step(&self, column: &WideColumn, key: &StepKey, cell: &StepCell) -> String {
+        let Some(answered) = self.steps.get(key) else {
             return match cell {
                 StepCell::Status if self.participant.state == RunState::Withdrawn => {
                     RunState::Withdrawn.to_string()
                 }
-                StepCell::Status => "not_shown".to_owned(),
+                StepCell::Status => NOT_SHOWN.to_owned(),
                 StepCell::Action
                 | StepCell::ClientRt
                 | StepCell::ServerMs
@@ -183,15 +233,28 @@ impl<'a> Row<'a> {
                 | StepCell::Clause(_)
                 | StepCell::Chosen { .. }
                 | StepCell::Score(_)
+                | StepCell::Replay(..)
                 | StepCell::Passed(_) => String::new(),
             };
         };
+        // Where the version asks for something of another kind under this name, that is a column of its own.
+        let version = self.export.versions.readable(self.participant.version);
+        if *cell != StepCell::Status && !column.versions.contains(&version) {
+            return String::new();
+        }
+        let Answered {
+            answer, members, ..
+        } = answered;
         match cell {
             StepCell::Action => answer
                 .action
                 .as_ref()
                 .map_or_else(String::new, |action| text(action.as_str())),
-            StepCell::Status => answer.status.to_string(),
+            StepCell::Status => match answer.status {
+                Some(status) => status.to_string(),
+                None if self.participant.state == RunState::Active => OPEN.to_owned(),
+                None => SKIPPED.to_owned(),
+            },
             StepCell::ClientRt => number(answer.client_rt_ms),
             StepCell::ServerMs => number(answer.server_ms),
             StepCell::Member(name) => value(members.get(name)),
@@ -204,6 +267,7 @@ impl<'a> Row<'a> {
                     .and_then(Value::as_array)
                     .map(|chosen| chosen.iter().any(|chosen| chosen == option.as_str())),
             ),
+            StepCell::Replay(replay, cell) => answered.of_replay(replay, *cell),
             StepCell::Score(item) => number(
                 self.fields(key)
                     .iter()

@@ -37,14 +37,12 @@ impl People {
             participant,
             is_completed,
             question,
+            is_left_out,
             answer,
             has_times,
             mut faults,
         } = read;
-        let is_practice = question
-            .as_ref()
-            .is_some_and(|question| question.step.is_practice);
-        if is_practice {
+        if is_left_out {
             self.left_out += u64::from(faults.is_empty());
             return faults;
         }

@@ -23,7 +23,9 @@ pub(super) struct Read<'a> {
     pub(super) participant: Option<&'a str>,
     pub(super) is_completed: bool,
     pub(super) question: Option<&'a Question>,
-    /// None for a practice question, and where something is wrong.
+    /// Whether it is nothing that is imported: a practice question, or one that nobody answered.
+    pub(super) is_left_out: bool,
+    /// None where it is left out, and where something is wrong.
     pub(super) answer: Option<ImportedAnswer>,
     /// Whether it tells when something happened; none where that is wrong.
     pub(super) has_times: Option<bool>,
@@ -100,9 +102,10 @@ impl<'a> Row<'a> {
         let is_completed = self.is_completed(&mut faults);
         let question = self.question(questions, &mut faults);
         let status = self.status(&mut faults);
+        let is_skipped = status == Some(AnswerStatus::Skipped);
         let times = self.times(now, &mut faults);
         let timing = self.timing(&mut faults);
-        let to_answer = question.filter(|question| !question.step.is_practice);
+        let to_answer = question.filter(|question| !question.step.is_practice && !is_skipped);
         let reply = to_answer
             .zip(status)
             .and_then(|(question, status)| self.reply(question, status, &mut faults));
@@ -124,6 +127,7 @@ impl<'a> Row<'a> {
             participant,
             is_completed,
             question,
+            is_left_out: is_skipped || question.is_some_and(|question| question.step.is_practice),
             answer,
             has_times: times.map(|times| times.are_moments),
             faults,
@@ -219,8 +223,14 @@ impl<'a> Row<'a> {
             Some(Ok(
                 status @ (AnswerStatus::Answered | AnswerStatus::Late | AnswerStatus::TimedOut),
             )) => Some(status),
+            Some(Ok(AnswerStatus::Skipped)) if self.value("action").is_none() => {
+                Some(AnswerStatus::Skipped)
+            }
             Some(Ok(AnswerStatus::Skipped) | Err(_)) => {
-                faults.push(self.fault("status", "answered, late, timed_out, or nothing"));
+                faults.push(self.fault(
+                    "status",
+                    "answered, late, timed_out, or nothing; skipped without an action",
+                ));
                 None
             }
         }

@@ -269,7 +269,7 @@ impl Served {
 /// A stored text as this program reads it; nothing where it cannot, which must not keep anything else from being served.
 fn readable(study: &StudyId, stored: &StudyVersion) -> Option<Study> {
     let name = format!("version {} of {study}", stored.number);
-    Study::parse(&name, &stored.text)
+    Study::parse_stored(&name, &stored.text)
         .inspect_err(
             |error| tracing::warn!(%error, "a stored study version is not readable any more"),
         )

@@ -262,6 +262,7 @@ impl Batch {
             expires_at: start
                 .time_limit_ms
                 .map(|limit_ms| start.at.0.saturating_add(limit_ms)),
+            program_version: Some(env!("CARGO_PKG_VERSION")),
             has_times: true,
             at: start.at.0,
         });

@@ -68,6 +68,8 @@ pub(super) struct NewRunRow {
     pub(super) time_factor: f64,
     pub(super) condition: Option<ConditionId>,
     pub(super) expires_at: Option<i64>,
+    /// None where the run was taken elsewhere.
+    pub(super) program_version: Option<&'static str>,
     pub(super) has_times: bool,
     pub(super) at: i64,
 }

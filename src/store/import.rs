@@ -347,6 +347,7 @@ async fn begin(
             condition: judged.condition.clone(),
             has_times: judged.has_times,
             expires_at: None,
+            program_version: None,
             at: judged.started_at.0,
         });
         for (position, step) in (0..).zip(&judged.steps) {

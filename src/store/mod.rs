@@ -40,6 +40,7 @@ mod fits;
 mod import;
 mod job;
 mod load;
+mod moment;
 mod names;
 mod open;
 mod participants;
@@ -84,6 +85,7 @@ pub use exclusions::{ExcludedByHand, Exclusion, ExclusionReason, ReasonError};
 pub use fits::{Fit, FitKey, FitOutcome, NewFit};
 pub use import::{ImportedAnswer, ImportedRun};
 pub use job::{AskedProblem, CandidateRun, DrawnStep};
+pub use moment::Moment;
 pub use names::{
     AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,

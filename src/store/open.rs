@@ -104,7 +104,7 @@ pub(super) async fn reading_connection(path: &Path) -> Result<SqliteConnection, 
 }
 
 /// The settings of a connection that does not even set a pragma that is stored in the file.
-fn reading_settings(path: &Path) -> SqliteConnectOptions {
+pub(super) fn reading_settings(path: &Path) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)
         .read_only(true)

@@ -116,7 +116,7 @@ pub(super) struct RunFacts {
     pub(super) state: RunState,
     /// The first step that is not closed.
     pub(super) position: u32,
-    /// When that step was first shown.
+    /// When that step was first shown; in a run that has ended, the step that was shown and never answered.
     pub(super) shown_at: Option<Timestamp>,
     /// The last moment at which its answer counts.
     pub(super) deadline: Option<Timestamp>,
@@ -328,10 +328,9 @@ impl RunFacts {
         }
     }
 
-    /// The run ends, at whatever step it is.
+    /// The run ends, at whatever step it is. When that was shown stays, because it tells what the person left.
     pub(super) fn end(&mut self, state: RunState, at: Timestamp) {
         self.state = state;
-        self.shown_at = None;
         self.deadline = None;
         self.ended_at = Some(at);
     }

@@ -133,8 +133,8 @@ pub(super) async fn erase(
         update run
         set
             state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
-            platform = null, platform_key = null, recruiting = null, source = null, condition = null,
-            time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?, finished_at_ms = ?
+            platform = null, platform_key = null, recruiting = null, source = null, language = null,
+            condition = null, time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?, finished_at_ms = ?
         where id = ?
         "#,
     )

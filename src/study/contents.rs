@@ -1,7 +1,7 @@
 //! What a study asks, block by block: for codebooks and for texts that go with data.
 
 use super::definition::{BlockBody, Study};
-use super::step::{ActionView, Clause, Field};
+use super::step::{ActionView, ConsentStep, Field, NamedReplay, Role};
 use super::{BlockId, QuestionId};
 
 /// A block with what it shows.
@@ -13,6 +13,10 @@ pub struct BlockContents<'a> {
     pub title: Option<&'a str>,
     /// Its text as HTML.
     pub text_html: Option<&'a str>,
+    /// The button that leads on, where the study file names it.
+    pub button: Option<&'a str>,
+    /// What is shown after a wrong attempt, as HTML, where it is a comprehension check.
+    pub hint_html: Option<&'a str>,
     /// What it asks.
     pub asks: Asks<'a>,
 }
@@ -22,8 +26,10 @@ pub struct BlockContents<'a> {
 pub enum Asks<'a> {
     /// For nothing.
     Nothing,
-    /// For consent, with clauses that are agreed to apart.
-    Consent(&'a [Clause]),
+    /// To watch replays.
+    Replays(&'a [NamedReplay]),
+    /// For consent.
+    Consent(ConsentStep<'a>),
     /// To choose actions.
     Choices {
         /// The time limit of each question.
@@ -44,6 +50,8 @@ pub struct AskedQuestion<'a> {
     pub title: &'a str,
     /// Its text as HTML.
     pub text_html: &'a str,
+    /// Whether it is for practice, and never counted.
+    pub practice: bool,
     /// What can be chosen.
     pub actions: &'a [ActionView],
     /// The cell or the baseline question in words, where it is one.
@@ -58,7 +66,7 @@ impl Study {
                 BlockBody::Consent(text) => (
                     Some(text.title.as_str()),
                     Some(text.text_html.as_str()),
-                    Asks::Consent(&text.clauses),
+                    Asks::Consent(text.step()),
                 ),
                 BlockBody::Info(text) => (
                     Some(text.title.as_str()),
@@ -68,7 +76,7 @@ impl Study {
                 BlockBody::Replays(text) => (
                     Some(text.title.as_str()),
                     Some(text.text_html.as_str()),
-                    Asks::Nothing,
+                    Asks::Replays(&text.replays),
                 ),
                 BlockBody::Choice(choices) => (
                     choices.start.as_ref().map(|start| start.title.as_str()),
@@ -82,6 +90,7 @@ impl Study {
                                 id: &question.id,
                                 title: &question.title,
                                 text_html: &question.text_html,
+                                practice: question.role == Role::Practice,
                                 actions: &question.actions,
                                 label: self.question_label(
                                     &block.id,
@@ -98,10 +107,25 @@ impl Study {
                     Asks::Fields(&form.fields),
                 ),
             };
+            let (button, hint_html) = match &block.body {
+                BlockBody::Consent(_) => (None, None),
+                BlockBody::Info(text) => (Some(text.button.as_str()), None),
+                BlockBody::Replays(text) => (Some(text.button.as_str()), None),
+                BlockBody::Choice(choices) => {
+                    let start = choices.start.as_ref();
+                    (start.map(|start| start.button.as_str()), None)
+                }
+                BlockBody::Form(form) => {
+                    let hint = form.check.as_ref().map(|check| check.hint_html.as_str());
+                    (Some(form.button.as_str()), hint)
+                }
+            };
             BlockContents {
                 block: &block.id,
                 title,
                 text_html,
+                button,
+                hint_html,
                 asks,
             }
         })

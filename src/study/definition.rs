@@ -57,7 +57,18 @@ impl Study {
     /// # Errors
     /// The first thing that is wrong with the file: where it is, what was found and what is allowed.
     pub fn parse(file_name: &str, text: &str) -> Result<Self, ParseError> {
-        parse::study(file_name, text).map_err(|mut errors| errors.swap_remove(0))
+        parse::study(file_name, text, parse::Origin::File)
+            .map_err(|mut errors| errors.swap_remove(0))
+    }
+
+    /// Parses a text that an earlier version of this program took: rules about names that came later do not hold for it, so
+    /// that people under way can finish and their answers can be read.
+    ///
+    /// # Errors
+    /// As [`Study::parse`].
+    pub fn parse_stored(name: &str, text: &str) -> Result<Self, ParseError> {
+        parse::study(name, text, parse::Origin::Database)
+            .map_err(|mut errors| errors.swap_remove(0))
     }
 
     /// Parses a study file like [`Study::parse`], naming more than the first error.
@@ -66,7 +77,7 @@ impl Study {
     /// What is wrong with the file, one error or more: the first of each part (the head, each block, and so on). What
     /// depends on a faulty part is looked at only when that is right.
     pub fn check(file_name: &str, text: &str) -> Result<Self, Vec<ParseError>> {
-        parse::study(file_name, text)
+        parse::study(file_name, text, parse::Origin::File)
     }
 
     /// The languages in which it can be taken, as tags such as `de`; that of the file's own texts first. A
@@ -152,6 +163,17 @@ impl Study {
     /// The factors of the design, in file order.
     pub fn factors(&self) -> &[Factor] {
         &self.factors
+    }
+
+    /// The text of a level on pages; its id where the study has no such level.
+    pub fn level_label<'a>(&'a self, factor: &FactorId, level: &'a LevelId) -> &'a str {
+        let factor = self.factors.iter().find(|known| known.id == *factor);
+        let levels = factor.map(|factor| factor.levels.as_slice());
+        let known = levels
+            .unwrap_or_default()
+            .iter()
+            .find(|known| known.id == *level);
+        known.map_or(level.as_str(), |known| known.label.as_str())
     }
 
     /// The cells of the design, in file order.

@@ -119,6 +119,24 @@ async fn order_and_times_of_the_replays_are_stored() {
     let sent: Value = serde_json::from_str(sent).unwrap();
     let expected: Value = serde_json::from_str(&viewings(&shown)).unwrap();
     assert_eq!(sent["viewings"], expected);
+
+    // The export tells all of it.
+    let wide = app.get("/api/v1/studies/cups/export/wide.csv").await.html;
+    let row: std::collections::BTreeMap<String, String> = csv::Reader::from_reader(wide.as_bytes())
+        .deserialize()
+        .next()
+        .unwrap()
+        .unwrap();
+    let plan = app.store.step(run, position).await.unwrap();
+    for (place, replay) in (1..).zip(&drawn) {
+        let told = |what: &str| row[&format!("{}.{replay}.{what}", plan.block)].as_str();
+        assert_eq!(told("place"), place.to_string());
+        assert_eq!((told("plays"), told("stills")), ("2", "false"));
+        assert_eq!((told("started_ms"), told("seen_ms")), ("1000", "9000"));
+    }
+    let on_page: i64 = row[&format!("{}.server_ms", plan.block)].parse().unwrap();
+    assert!(on_page >= LONG_ENOUGH_MS, "{on_page}");
+    assert!(row.keys().any(|name| name == "consent.server_ms"));
     app.stop().await;
 }
 

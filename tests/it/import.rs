@@ -277,7 +277,10 @@ b,explicit/untimed/high,stop,answered,4000,,1556878600000
     let people = Population::People;
     let runs = place
         .store
-        .participants(&driving, people, 0.into(), 10)
+        .moment()
+        .await
+        .unwrap()
+        .participants(&driving, people, 0.into(), i64::MAX.into(), 10)
         .await
         .unwrap();
     let known: Vec<bool> = runs.iter().map(|run| run.started_at.is_some()).collect();
@@ -321,7 +324,16 @@ b,keep/low/large,safe
         .unwrap();
     let runs = place
         .store
-        .participants(&"between".into(), Population::People, 0.into(), 10)
+        .moment()
+        .await
+        .unwrap()
+        .participants(
+            &"between".into(),
+            Population::People,
+            0.into(),
+            i64::MAX.into(),
+            10,
+        )
         .await
         .unwrap();
     let conditions: Vec<_> = runs

@@ -16,6 +16,7 @@ mod crowd;
 mod cups;
 mod evidence;
 mod exclusions;
+mod export_shown;
 mod export_versions;
 mod exports;
 mod fit;

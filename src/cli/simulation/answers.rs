@@ -49,7 +49,8 @@ impl SimulatedGroup<'_> {
     /// When the model gives no probabilities for a question.
     pub fn answers(&self, participant: u32) -> Result<Vec<AnswerRow>, SimulatedAnswersError> {
         let mut rng = random_stream(self.seed, participant.into());
-        let steps = self.study.draw_steps(self.condition(participant), &mut rng);
+        let condition = self.condition(participant);
+        let steps = self.study.draw_steps(condition, &mut rng);
         let mut rows = Vec::new();
         for (position, plan) in (0_u32..).zip(steps) {
             let drawn = drawn_step(self.study, plan)?;
@@ -75,10 +76,13 @@ impl SimulatedGroup<'_> {
                 },
                 version: VersionId::from(1),
                 version_number: VersionNumber::from(1),
+                study_version_hash: self.study.hash().to_owned(),
+                program_version: Some(env!("CARGO_PKG_VERSION").to_owned()),
                 run_state: RunState::Completed,
                 block: drawn.plan.block,
                 question: drawn.plan.question,
                 problem: drawn.asked.map(|asked| asked.cell),
+                levels: drawn.plan.data.levels,
                 action: Some(chosen.as_str().into()),
                 status: AnswerStatus::Answered,
                 is_counted: !drawn.is_practice,
@@ -91,6 +95,8 @@ impl SimulatedGroup<'_> {
                 limit_ms: drawn.plan.limit_ms,
                 input: None,
                 hidden_ms: None,
+                time_factor: 1.0,
+                condition: condition.map(|condition| condition.id.to_string()),
                 source: self.source.clone(),
                 excluded: None,
                 population: Population::Simulated,

@@ -59,7 +59,7 @@ impl Effects {
             r#"
             insert into run (
                 id, study_id, version_id, state, position, platform, platform_key, recruiting, source, language,
-                is_simulated, is_preview, time_factor, condition, expires_at_ms, has_times,
+                is_simulated, is_preview, time_factor, condition, expires_at_ms, has_times, program_version,
                 started_at_ms
             )
             select
@@ -74,7 +74,7 @@ impl Effects {
                 'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
                 new.value ->> 'source', new.value ->> 'language', new.value ->> 'is_simulated', new.value ->> 'is_preview',
                 new.value ->> 'time_factor', new.value ->> 'condition', new.value ->> 'expires_at',
-                new.value ->> 'has_times', new.value ->> 'at'
+                new.value ->> 'has_times', new.value ->> 'program_version', new.value ->> 'at'
             from json_each(?) as new
             "#,
         )

@@ -401,3 +401,15 @@ fn screening_ends_the_run_even_at_its_last_step() {
     let more = run.submit(&says(1, Reply::Continued), KeySeen::Never, START);
     assert_eq!(more, Err(Refusal::Over(RunState::ScreenedOut)));
 }
+
+#[test]
+fn a_run_that_ends_by_itself_remembers_what_was_on_the_screen() {
+    let mut run = at_first_timed();
+    run.expires_at = Some(after(60_000));
+    assert_eq!(run.shown_at, Some(START));
+    assert!(run.expire(after(60_001)));
+    assert_eq!((run.shown_at, run.deadline), (Some(START), None));
+    // Nothing can be done to it any more.
+    assert!(!run.show(2, after(60_002)));
+    assert_eq!(run.time_out(after(600_000), 0), None);
+}

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::rules;
+use super::{Origin, rules};
 use crate::study::definition::{Assign, Factor, Level};
 use crate::study::document::{Fault, KeyPath, did_you_mean, list};
 use crate::study::file::{RawFactor, RawStudy};
@@ -11,6 +11,31 @@ use crate::study::{CellId, FactorId, LevelId};
 
 /// How many questions one group may ask. Nobody answers more, and a file must not fill the memory.
 const MOST_QUESTIONS: usize = 1_000;
+
+/// What columns are called that every table of data has, as far as an id could be the same: a factor's levels stand in a
+/// column of its name beside them, or are joined to them. `count` is one that `fit --choices` reads.
+const NAMES_OF_COLUMNS: [&str; 20] = [
+    "study",
+    "version",
+    "participant",
+    "block",
+    "position",
+    "question",
+    "problem",
+    "action",
+    "status",
+    "input",
+    "source",
+    "simulated",
+    "condition",
+    "language",
+    "bonus",
+    "platform",
+    "practice",
+    "counted",
+    "levels",
+    "count",
+];
 
 /// The design: what the blocks' questions refer to.
 pub(super) struct Design<'a> {
@@ -26,7 +51,11 @@ pub(super) struct Design<'a> {
 pub(super) struct Levels(BTreeMap<usize, usize>);
 
 impl<'a> Design<'a> {
-    pub(super) fn read(raw: &'a RawStudy, general: &'a Values) -> Result<Self, Fault> {
+    pub(super) fn read(
+        raw: &'a RawStudy,
+        general: &'a Values,
+        origin: Origin,
+    ) -> Result<Self, Fault> {
         let path = KeyPath::root().key("factor");
         rules::distinct_ids(
             raw.factor.iter().map(|factor| factor.id.as_str()),
@@ -38,6 +67,9 @@ impl<'a> Design<'a> {
         let mut factors = Vec::with_capacity(raw.factor.len());
         for (index, factor) in raw.factor.iter().enumerate() {
             let path = path.index(index);
+            if origin == Origin::File {
+                check_factor_id(&factor.id, &path.key("id"))?;
+            }
             rules::line(&factor.label, &path.key("label"))?;
             if factor.level.is_empty() {
                 return Err(path.key("level").fault("no level", "one level or more"));
@@ -312,6 +344,20 @@ impl Levels {
         levels.0.insert(factor, level);
         levels
     }
+}
+
+/// A factor is a column of the data.
+fn check_factor_id(id: &str, at: &KeyPath) -> Result<(), Fault> {
+    if NAMES_OF_COLUMNS.contains(&id) {
+        return Err(at.fault(
+            format!(
+                "{}, which is the name of another column of the data",
+                rules::shown(id)
+            ),
+            format!("another id than {}", NAMES_OF_COLUMNS.join(", ")),
+        ));
+    }
+    Ok(())
 }
 
 /// Checks the names of a table of values.

@@ -39,13 +39,22 @@ const FORMAT: i64 = 1;
 /// The longest expected duration of a run, in minutes.
 const LONGEST_MINUTES: u32 = 600;
 
+/// Where a text comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// Somebody wrote it, and can still change it.
+    File,
+    /// It is stored with answers, and stays as it is.
+    Database,
+}
+
 /// Parses a study file.
 ///
 /// # Errors
 /// One error or more. What is wrong with one part (the head, an ending, a block, the analysis) hides nothing of the
 /// others; of each part the first error is named. Where a key that every study needs cannot be read, only what is wrong
 /// with other keys and values is told.
-pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError>> {
+pub(super) fn study(file_name: &str, text: &str, origin: Origin) -> Result<Study, Vec<ParseError>> {
     let one = |error: ParseError| vec![error];
     let document = Document::parse(file_name, text).map_err(one)?;
     check_format(&document).map_err(one)?;
@@ -57,7 +66,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
         Ok(languages) => (languages.first(), languages.get(1..).unwrap_or_default()),
         Err(_) => (None, [].as_slice()),
     };
-    let study = in_language(&document, text, own.unwrap_or(&Language::default()));
+    let study = in_language(&document, text, origin, own.unwrap_or(&Language::default()));
     let mut study = match (study, &languages) {
         (Ok(study), Ok(_)) => study,
         (study, languages) => {
@@ -70,7 +79,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
     };
     for language in others {
         let document = document.translated(&language.tag, language.texts.clone());
-        let translation = in_language(&document, text, language)?;
+        let translation = in_language(&document, text, origin, language)?;
         if translation.structure() != study.structure() {
             let at = KeyPath::root().key("text").key(&language.tag);
             let fault = at.fault(
@@ -89,6 +98,7 @@ pub(super) fn study(file_name: &str, text: &str) -> Result<Study, Vec<ParseError
 fn in_language(
     document: &Document<'_>,
     text: &str,
+    origin: Origin,
     language: &Language,
 ) -> Result<Study, Vec<ParseError>> {
     let one = |error: ParseError| vec![error];
@@ -100,7 +110,7 @@ fn in_language(
     };
     errors.extend(head_faults(&raw).iter().map(|fault| document.refuse(fault)));
     let general = general_values(&raw);
-    let design = match Design::read(&raw, &general) {
+    let design = match Design::read(&raw, &general, origin) {
         Ok(design) => design,
         Err(fault) => {
             errors.push(document.refuse(&fault));

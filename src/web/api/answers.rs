@@ -43,7 +43,7 @@ struct AnswerPage<'a> {
 
 /// The answers in pages, in the order of runs and steps.
 ///
-/// One row per closed question. Withdrawn people have no rows; previews never have.
+/// One row per question shown; what is on somebody's screen has none yet. Withdrawn people have no rows; previews never have.
 #[utoipa::path(
     get, path = "/studies/{study}/answers", tag = "data", params(StudyPath, PageQuery),
     responses((status = 200, description = "A page of answers", body = AnswerPage,

@@ -198,7 +198,7 @@ fn field<'a>(study: &'a Study, id: &str) -> Option<(&'a BlockId, &'a Field)> {
             .iter()
             .find(|field| field.id == id)
             .map(|field| (contents.block, field)),
-        Asks::Nothing | Asks::Consent(_) | Asks::Choices { .. } => None,
+        Asks::Nothing | Asks::Replays(_) | Asks::Consent(_) | Asks::Choices { .. } => None,
     })
 }
 

@@ -288,7 +288,16 @@ async fn a_rule_judges_a_run_when_it_ends_and_each_by_its_own_version() {
     exclude(&lab, late.run, "asked for it").await.unwrap();
     let rows = lab
         .store
-        .participants(&driving(), Population::People, RunId::from(0), 10)
+        .moment()
+        .await
+        .unwrap()
+        .participants(
+            &driving(),
+            Population::People,
+            RunId::from(0),
+            RunId::from(i64::MAX),
+            10,
+        )
         .await
         .unwrap();
     assert_eq!(

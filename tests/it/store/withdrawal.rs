@@ -201,9 +201,10 @@ async fn the_row_that_stays_tells_neither_condition_nor_clock_nor_more_time() {
     run.candidates[0].condition = Some("a/b".into());
     let person = lab.start_as("driving", run).await;
     let row = async || {
-        let rows = lab
-            .store
-            .participants(&driving, Population::People, RunId::from(0), 10)
+        let mut moment = lab.store.moment().await.unwrap();
+        let last = lab.store.last_run().await.unwrap();
+        let rows = moment
+            .participants(&driving, Population::People, RunId::from(0), last, 10)
             .await
             .unwrap();
         rows.into_iter().next().unwrap()

@@ -774,3 +774,17 @@ fn arbitrary_damage_never_panics() {
         }
     }
 }
+
+#[test]
+fn a_factor_with_the_name_of_another_column_of_the_data_is_refused() {
+    for name in ["status", "source", "condition", "count"] {
+        let named = "id = \"gamble\"\nlabel";
+        check(
+            named,
+            &named.replace("gamble", name),
+            &format!("factor[{name}].id"),
+            &format!("`{name}`, which is the name of another column"),
+            "another id than study, version",
+        );
+    }
+}
