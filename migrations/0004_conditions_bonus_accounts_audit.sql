@@ -237,3 +237,70 @@ create trigger audit_is_never_shortened before delete on audit
 begin
     select raise(abort, 'the audit log is only appended to');
 end;
+
+-- A question under another time limit is another problem: its hash ends with a colon and the limit in milliseconds. What
+-- earlier programs stored under one hash is told apart by the limits of the steps that asked it.
+create temporary table asked_under as
+select
+    problem_id, ifnull(limit_ms, 0) as limit_ms,
+    row_number() over (partition by problem_id order by ifnull(limit_ms, 0)) as number
+from step
+where problem_id is not null
+group by problem_id, ifnull(limit_ms, 0);
+
+insert into problem (study_id, cell, hash, prospects)
+select problem.study_id, problem.cell, problem.hash || ':' || asked_under.limit_ms, problem.prospects
+from asked_under
+join problem on problem.id = asked_under.problem_id
+where asked_under.number > 1;
+
+update step
+set problem_id = (
+    select own.id
+    from problem as pooled
+    join problem as own
+        on own.study_id = pooled.study_id
+        and own.cell = pooled.cell
+        and own.hash = pooled.hash || ':' || step.limit_ms
+    where pooled.id = step.problem_id
+)
+where (problem_id, limit_ms) in (select problem_id, limit_ms from asked_under where number > 1);
+
+delete from counter
+where problem_id in (select problem_id from asked_under where number > 1);
+
+update answer
+set problem_id = (
+    select step.problem_id
+    from step
+    where step.run_id = answer.run_id and step.position = answer.position
+)
+where problem_id in (select problem_id from asked_under where number > 1);
+
+insert into counter (study_id, is_simulated, problem_id, status, action, n_all, n_completed)
+select
+    run.study_id, run.is_simulated, answer.problem_id, answer.status, ifnull(answer.action, ''), count(*),
+    sum(run.state = 'completed')
+from answer
+join run on run.id = answer.run_id
+where answer.is_counted = 1
+and answer.problem_id in (
+    select step.problem_id
+    from step
+    join problem on problem.id = step.problem_id
+    where problem.hash like '%:%'
+    union
+    select problem_id
+    from asked_under
+    where number > 1
+)
+group by 1, 2, 3, 4, 5;
+
+update problem
+set hash = hash || ':' || asked_under.limit_ms
+from asked_under
+where asked_under.problem_id = problem.id
+and asked_under.number = 1
+and asked_under.limit_ms > 0;
+
+drop table asked_under;

@@ -59,7 +59,7 @@ pub struct CellCount {
     pub problem: ProblemId,
     /// Its cell's id, or `block:question` outside the design.
     pub cell: String,
-    /// The hash of its prospects: equal to that of [`AskedProblem::new`](super::AskedProblem::new) where the study
+    /// The hash of its prospects and time limit: equal to that of [`AskedProblem::new`](super::AskedProblem::new) where the study
     /// still asks the same.
     pub hash: String,
     /// Answered, late, timed out.

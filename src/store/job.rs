@@ -141,7 +141,7 @@ pub struct DrawnStep {
 pub struct AskedProblem {
     /// The cell's id, or `block:question` outside the design.
     pub cell: String,
-    /// The hash of the prospects.
+    /// The hash of the prospects, with the time limit where there is one.
     pub hash: String,
     /// Each action's outcomes as JSON; none where the question withholds them.
     pub prospects: Option<String>,

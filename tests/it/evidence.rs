@@ -185,7 +185,7 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
             .contains(said)
     );
 
-    // Another fine, or another prior, makes it another study: the rule has not been reached in that one.
+    // Another fine, time limit or prior makes it another study: the rule has not been reached in that one.
     let changed = |from: &str, to: &str| {
         let mut files = driving(RULE);
         assert!(files[0].1.contains(from));
@@ -194,6 +194,7 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
     };
     for files in [
         changed("\nfine = 50 ", "\nfine = 60 "),
+        changed("limit_s = 8 ", "limit_s = 4 "),
         changed("weighting = \"monotone\"", "weighting = \"paper-range\""),
     ] {
         let other = Catalogue::publish(&app.store, files).await.unwrap();
