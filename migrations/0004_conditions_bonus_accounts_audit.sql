@@ -304,3 +304,25 @@ and asked_under.number = 1
 and asked_under.limit_ms > 0;
 
 drop table asked_under;
+
+-- Whether a text came with the program and no file of the lab's ever had it: only such a one is replaced when a program brings
+-- another text. Earlier programs did not note it; their texts are known by their hashes.
+alter table study_version add column is_built_in integer not null default 0 check (is_built_in in (0, 1));
+update study_version
+set is_built_in = 1
+where hash in (
+    -- driving
+    'b56952dfc65950b49f09cff16224cd3a83fd138d1ffa744553b01946eb4b4bdd',
+    'b1960f9c4e3ab3d8be7c00ebfb0a77e43485cd086413c4b58bcc96de80536541',
+    'fcb33d5740d91ef01b6a68725639669612c7d27b8e8c8a1b5b7240bc7fa9e100',
+    '10bb7197be515615a49a67b487999ad310053ca0794ec5d43c6bc0b6b38089c0',
+    '7380e9b3afee92b5eed37dc6a276fc9428a48ecd8c87b0c115800c7ee7acc9fd',
+    '6737d43659d183b7c70ce74fdc6e14a850128913592bbd5226ba4bcd8b37ff18',
+    'd6355ec490b211f6dddf7089c514b2fd8238d3d1cfc186419fb21ec75a79c231',
+    '212db9c302a5d1802c6ba2022801f7fdfed976b7885a9d85a01ebddda946c1bc',
+    -- cups
+    '7f6737768b680c78c59d57dedeceb8d69ff1a7847a1218e288554258ddac2a3f',
+    'a018d9a92a1b146098b3edd1c2d6a84801bb1ad994944b0b89efdbc13ca504bb',
+    '5c82f13ea0cf14f145b2f0c7607bc0fc4373906fdd869f9907cd96eeb8df36d7',
+    '46a3a25c33444ad7b7948d6bc63e5f067d30956f4fe18e3b27e094b36c092e9f'
+);

@@ -31,6 +31,15 @@ struct Served {
     versions: HashMap<VersionId, Arc<Study>>,
 }
 
+/// Where the text of a study stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// In the program.
+    Program,
+    /// In a file of the lab's.
+    File,
+}
+
 /// Why the studies cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum CatalogueError {
@@ -66,21 +75,41 @@ impl Catalogue {
     }
 
     /// The same for studies that were read already. Those in `left_alone` are served as they are stored, because their
-    /// files cannot be read.
+    /// files cannot be read. So is one that is stored as a file of the lab's described it, and that only the program
+    /// describes now: people may be taking it, and a missing file is no reason to ask them something else.
     pub(super) async fn publish_but(
         store: &Store,
-        studies: Vec<Study>,
+        studies: Vec<(Origin, Study)>,
         left_alone: &[StudyId],
     ) -> Result<Self, CatalogueError> {
         let mut served = Served::default();
         let stored = store.studies().await?;
-        for study in studies {
-            if left_alone.contains(study.id()) && stored.iter().any(|row| row.id == *study.id()) {
+        for (origin, study) in studies {
+            let row = stored.iter().find(|row| row.id == *study.id());
+            if left_alone.contains(study.id()) && row.is_some() {
                 continue;
             }
-            let version = store
-                .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
-                .await?;
+            let version = match (origin, row) {
+                (Origin::Program, Some(row)) if is_of_the_lab(store, row, &study).await? => {
+                    tracing::warn!(
+                        study = %study.id(),
+                        "the file with which this study was last served is gone; it is served as it was stored, not as the built-in study of the same id"
+                    );
+                    continue;
+                }
+                (Origin::Program, Some(_) | None) => {
+                    let state = state_if_new(&study);
+                    store
+                        .publish_built_in(study.id(), study.hash(), study.text(), state)
+                        .await?
+                }
+                (Origin::File, _) => {
+                    let state = state_if_new(&study);
+                    store
+                        .publish(study.id(), study.hash(), study.text(), state)
+                        .await?
+                }
+            };
             served.add_earlier(store, &study, version).await?;
             served.add(version, Arc::new(study));
         }
@@ -258,6 +287,16 @@ fn readable(study: &StudyId, stored: &StudyVersion) -> Option<Study> {
         .ok()
 }
 
+/// Whether the current version of a study is another text than the program's, and was never one of the program's own.
+async fn is_of_the_lab(
+    store: &Store,
+    row: &StudyRow,
+    built_in: &Study,
+) -> Result<bool, store::Error> {
+    let current = store.study_version(row.version).await?;
+    Ok(!current.is_built_in && current.hash != built_in.hash())
+}
+
 /// A study whose file does not say that it is open is a draft until somebody opens it.
 fn state_if_new(study: &Study) -> StudyState {
     if study.is_open_at_first() {
@@ -268,7 +307,7 @@ fn state_if_new(study: &Study) -> StudyState {
 }
 
 /// Reads study files in their order. A file may replace a built-in study, but no other file.
-fn parse(files: Vec<(String, String)>) -> Result<Vec<Study>, CatalogueError> {
+fn parse(files: Vec<(String, String)>) -> Result<Vec<(Origin, Study)>, CatalogueError> {
     let mut read: Vec<(String, Study)> = Vec::new();
     for (file, text) in files {
         let study = Study::parse(&file, &text)?;
@@ -289,5 +328,15 @@ fn parse(files: Vec<(String, String)>) -> Result<Vec<Study>, CatalogueError> {
         tracing::info!(study = %study.id(), file, "this file replaces the built-in study");
         (*earlier_file, *earlier) = (file, study);
     }
-    Ok(read.into_iter().map(|(_, study)| study).collect())
+    let origin = |file: &str, study: &Study| {
+        if built_in().contains(&(file, study.text())) {
+            Origin::Program
+        } else {
+            Origin::File
+        }
+    };
+    Ok(read
+        .into_iter()
+        .map(|(file, study)| (origin(&file, &study), study))
+        .collect())
 }

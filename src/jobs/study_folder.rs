@@ -14,7 +14,7 @@ use std::{
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use super::{Catalogue, CatalogueError};
+use super::{Catalogue, CatalogueError, catalogue::Origin};
 use crate::{
     store::{self, Store},
     study::{Study, StudyId, built_in},
@@ -79,7 +79,8 @@ impl StudyFolder {
     pub async fn publish(&mut self, store: &Store) -> Result<Catalogue, FolderError> {
         let mut studies = Vec::new();
         for (name, text) in built_in() {
-            studies.push(Study::parse(name, text).map_err(CatalogueError::from)?);
+            let study = Study::parse(name, text).map_err(CatalogueError::from)?;
+            studies.push((Origin::Program, study));
         }
         let (mut errors, mut left_alone, mut given) = (Vec::new(), Vec::new(), Vec::new());
         for changed in self.changed()? {
@@ -88,10 +89,8 @@ impl StudyFolder {
                 Ok(Some(study)) => {
                     self.note(&path, Outcome::Served);
                     given.push(study.id().clone());
-                    match studies.iter_mut().find(|known| known.id() == study.id()) {
-                        Some(known) => *known = study,
-                        None => studies.push(study),
-                    }
+                    studies.retain(|(_, known)| known.id() != study.id());
+                    studies.push((Origin::File, study));
                 }
                 Ok(None) => {}
                 Err(error) => {

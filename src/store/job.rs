@@ -174,6 +174,7 @@ pub(super) struct Publish {
     pub(super) text: String,
     pub(super) state_if_new: StudyState,
     pub(super) at: Timestamp,
+    pub(super) is_built_in: bool,
 }
 
 impl Arrive {

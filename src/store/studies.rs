@@ -32,6 +32,8 @@ pub struct StudyVersion {
     pub program_version: String,
     /// When that was.
     pub created_at: Timestamp,
+    /// Whether it came with the program, and no file of the lab's ever had the same text.
+    pub is_built_in: bool,
 }
 
 #[derive(sqlx::FromRow)]
@@ -42,6 +44,7 @@ struct VersionRow {
     text: String,
     program_version: String,
     created_at_ms: i64,
+    is_built_in: bool,
 }
 
 impl Store {
@@ -57,13 +60,41 @@ impl Store {
         text: &str,
         state_if_new: StudyState,
     ) -> Result<VersionId, Error> {
-        let publish = Publish {
+        self.send_text(Publish {
             study: study.clone(),
             hash: hash.to_owned(),
             text: text.to_owned(),
             state_if_new,
+            is_built_in: false,
             at: self.now(),
-        };
+        })
+        .await
+    }
+
+    /// The same for a study that comes with the program: a later program may replace its text, unless a file of the lab's
+    /// has had it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn publish_built_in(
+        &self,
+        study: &StudyId,
+        hash: &str,
+        text: &str,
+        state_if_new: StudyState,
+    ) -> Result<VersionId, Error> {
+        self.send_text(Publish {
+            study: study.clone(),
+            hash: hash.to_owned(),
+            text: text.to_owned(),
+            state_if_new,
+            is_built_in: true,
+            at: self.now(),
+        })
+        .await
+    }
+
+    async fn send_text(&self, publish: Publish) -> Result<VersionId, Error> {
         self.wait_for(|ticket| Job::Rare(Rare::Publish(publish, ticket)))
             .await
     }
@@ -115,7 +146,7 @@ impl Store {
     pub async fn study_version(&self, id: VersionId) -> Result<StudyVersion, Error> {
         let row: Option<VersionRow> = sqlx::query_as(
             r#"
-            select id, study_id, hash, text, program_version, created_at_ms
+            select id, study_id, hash, text, program_version, created_at_ms, is_built_in
             from study_version
             where id = ?
             "#,
@@ -134,7 +165,7 @@ impl Store {
     pub async fn study_versions(&self, study: &StudyId) -> Result<Vec<StudyVersion>, Error> {
         let rows: Vec<VersionRow> = sqlx::query_as(
             r#"
-            select id, study_id, hash, text, program_version, created_at_ms
+            select id, study_id, hash, text, program_version, created_at_ms, is_built_in
             from study_version
             where study_id = ?
             order by id
@@ -167,6 +198,7 @@ impl From<VersionRow> for StudyVersion {
             text,
             program_version,
             created_at_ms,
+            is_built_in,
         } = row;
         let created_at = Timestamp(created_at_ms);
         Self {
@@ -176,6 +208,7 @@ impl From<VersionRow> for StudyVersion {
             text,
             program_version,
             created_at,
+            is_built_in,
         }
     }
 }
@@ -197,10 +230,10 @@ pub(super) async fn publish(
         .await?;
     let version: VersionId = sqlx::query_scalar(
         r#"
-        insert into study_version (study_id, hash, text, program_version, created_at_ms)
-        values (?, ?, ?, ?, ?)
-        -- the same text again is the version that it was; updating nothing makes `returning` tell its id
-        on conflict do update set hash = hash
+        insert into study_version (study_id, hash, text, program_version, created_at_ms, is_built_in)
+        values (?, ?, ?, ?, ?, ?)
+        -- the same text again is the version that it was; once a lab's file has had it, it stays the lab's
+        on conflict do update set is_built_in = min(is_built_in, excluded.is_built_in)
         returning id
         "#,
     )
@@ -209,6 +242,7 @@ pub(super) async fn publish(
     .bind(&publish.text)
     .bind(env!("CARGO_PKG_VERSION"))
     .bind(publish.at.0)
+    .bind(publish.is_built_in)
     .fetch_one(&mut *connection)
     .await?;
     let changed =

@@ -10,7 +10,7 @@ use riskaware::{
     clock::Clock,
     jobs::{Catalogue, Prepare, StudyFolder},
     store::{Options, Population, Store, StudyState},
-    study::{ParseError, Study, StudyId},
+    study::{ParseError, Study, StudyId, built_in},
 };
 use tempfile::TempDir;
 
@@ -187,6 +187,64 @@ async fn a_refused_file_stays_refused_when_it_is_only_touched() {
     folder.look(&catalogue).await;
     assert!(catalogue.file_errors().is_empty());
     assert!(catalogue.current(&between()).is_some());
+}
+
+#[tokio::test]
+async fn a_missing_file_hands_no_study_over_to_the_built_in_text() {
+    let own = built_in()[0].1.replace("limit_s = 8", "limit_s = 4");
+    let mut folder = Folder::with(&[("driving.toml", &own)]).await;
+    let driving = StudyId::from("driving");
+    let (version, _) = folder.publish().await.current(&driving).unwrap();
+    std::fs::remove_file(folder.file("driving.toml")).unwrap();
+    // Started again with the empty folder, and without any.
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    let (served, study) = catalogue.current(&driving).unwrap();
+    assert_eq!((served, study.text()), (version, own.as_str()));
+    let files = built_in().into_iter();
+    let files = files.map(|(name, text)| (name.to_owned(), text.to_owned()));
+    let catalogue = Catalogue::publish(&folder.store, files.collect())
+        .await
+        .unwrap();
+    assert_eq!(catalogue.current(&driving).unwrap().0, version);
+    let stored = folder.store.study(&driving).await.unwrap();
+    assert_eq!(stored.version, version);
+
+    // The lab goes back to the built-in text by a file of its own.
+    folder.write("driving.toml", built_in()[0].1);
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    assert_eq!(
+        catalogue.current(&driving).unwrap().1.text(),
+        built_in()[0].1
+    );
+}
+
+#[tokio::test]
+async fn a_newer_built_in_text_replaces_an_earlier_one_only() {
+    let (name, newer) = built_in()[0];
+    let driving = StudyId::from("driving");
+    let earlier = Study::parse(name, &newer.replace("limit_s = 8", "limit_s = 4")).unwrap();
+    for is_built_in in [true, false] {
+        let mut folder = Folder::with(&[]).await;
+        let (hash, text) = (earlier.hash(), earlier.text());
+        let store = &folder.store;
+        // As an earlier program left it; where a file had the same text at any time, it is the lab's.
+        store
+            .publish_built_in(&driving, hash, text, StudyState::Open)
+            .await
+            .unwrap();
+        if !is_built_in {
+            store
+                .publish(&driving, hash, text, StudyState::Open)
+                .await
+                .unwrap();
+        }
+        let catalogue = folder.publish().await;
+        let served = catalogue.current(&driving).unwrap().1;
+        let expected = if is_built_in { newer } else { text };
+        assert_eq!(served.text(), expected);
+    }
 }
 
 #[tokio::test]
