@@ -74,15 +74,15 @@ pub struct WatchedParticipant {
     pub condition: Option<ConditionId>,
     /// Where they came from.
     pub source: Option<String>,
-    /// When they started.
-    pub started_at: Timestamp,
-    /// When their run ended.
+    /// When they started; none for withdrawn people.
+    pub started_at: Option<Timestamp>,
+    /// When their run ended, if it has; none for withdrawn people.
     pub finished_at: Option<Timestamp>,
     /// How many steps they have closed.
     pub answered: u64,
     /// How many steps their run has.
     pub steps: u64,
-    /// What is notable.
+    /// What is notable; nothing about withdrawn people.
     pub flags: Vec<Flag>,
 }
 
@@ -150,7 +150,8 @@ impl Store {
                         and given.value ->> (item.value ->> 'field') is not null
                     ) as failed_check,
                     ifnull(max(answer.status = 'late'), 0) as late_answer,
-                    (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals
+                    run.state <> 'withdrawn'
+                    and (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals
                 from run
                 left join answer on answer.run_id = run.id
                 where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
@@ -199,19 +200,20 @@ impl From<Row> for WatchedParticipant {
             (row.late_answer, Flag::LateAnswer),
             (row.several_arrivals, Flag::SeveralArrivals),
         ];
+        let is_withdrawn = row.state == RunState::Withdrawn;
         let count = |stored: i64| u64::try_from(stored).unwrap_or(0);
         Self {
             run: row.id,
             state: row.state,
             condition: row.condition.as_deref().map(ConditionId::from),
             source: row.source,
-            started_at: Timestamp(row.started_at_ms),
-            finished_at: row.finished_at_ms.map(Timestamp),
+            started_at: (!is_withdrawn).then_some(Timestamp(row.started_at_ms)),
+            finished_at: row.finished_at_ms.filter(|_| !is_withdrawn).map(Timestamp),
             answered: count(row.answered),
             steps: count(row.steps),
             flags: flags
                 .into_iter()
-                .filter(|(is_set, _)| *is_set)
+                .filter(|(is_set, _)| *is_set && !is_withdrawn)
                 .map(|(_, flag)| flag)
                 .collect(),
         }

@@ -7,7 +7,7 @@ use super::job::{Job, Rare};
 use super::{Change, Error, Population, RunId, RunState, Store, Token, json, load, runs};
 use crate::study::{StudyId, Timestamp};
 
-/// Of the start of a withdrawn run its day is kept.
+/// Of the times of a withdrawn run their days are kept.
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 impl Store {
@@ -71,7 +71,7 @@ impl Store {
 }
 
 /// Erases a run: its answers, events, steps, bonus, recruiting ids and its share of the counters. What stays is an anonymous
-/// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
+/// row with the state `withdrawn`, so that its links can say so, and one event that says on which day and how much. Of a person who
 /// took part to an end, the keyed hash of their recruiting id stays in a table of its own until the retention date: whoever
 /// has seen their bonus or the answers of a check gets no second try by withdrawing.
 ///
@@ -96,6 +96,7 @@ pub(super) async fn erase(
     };
     // Taken before anything is deleted, so that ids never go backwards.
     let event = load::next_ids(connection).await?.event;
+    let day = at.0 - at.0 % DAY_MS;
     subtract_counts(connection, run).await?;
     let was_counted: bool = sqlx::query_scalar(
         "select exists (select 1 from answer where run_id = ? and is_counted = 1)",
@@ -128,13 +129,13 @@ pub(super) async fn erase(
         update run
         set
             state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
-            platform = null, platform_key = null, recruiting = null, source = null, condition = null,
-            time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?, finished_at_ms = ?
-        where id = ?
+            platform = null, platform_key = null, recruiting = null, source = null, language = null, condition = null,
+            time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?1, finished_at_ms = ?2
+        where id = ?3
         "#,
     )
     .bind(DAY_MS)
-    .bind(at.0)
+    .bind(day)
     .bind(run)
     .execute(&mut *connection)
     .await?;
@@ -148,7 +149,7 @@ pub(super) async fn erase(
     sqlx::query("insert into event (id, run_id, position, kind, at_ms, body) values (?, ?, 0, 'erased', ?, ?)")
         .bind(event)
         .bind(run)
-        .bind(at.0)
+        .bind(day)
         .bind(json(&erased))
         .execute(&mut *connection)
         .await?;
@@ -292,7 +293,7 @@ async fn subtract_counts(connection: &mut SqliteConnection, run: RunId) -> Resul
     Ok(())
 }
 
-/// Empties the arrivals that led to the run, and removes other ones of the same person that led nowhere.
+/// Empties the arrivals and links that led to the run, and removes other ones of the same person that led nowhere.
 async fn forget_recruiting(
     connection: &mut SqliteConnection,
     run: RunId,
@@ -310,12 +311,20 @@ async fn forget_recruiting(
     sqlx::query(
         r#"
         update arrival
-        set platform = null, platform_key = null, recruiting = null, source = null
+        set
+            platform = null, platform_key = null, recruiting = null, source = null, language = null,
+            created_at_ms = created_at_ms - created_at_ms % ?
         where run_id = ?
         "#,
     )
+    .bind(DAY_MS)
     .bind(run)
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
+    sqlx::query("update run_token set made_at_ms = made_at_ms - made_at_ms % ? where run_id = ?")
+        .bind(DAY_MS)
+        .bind(run)
+        .execute(connection)
+        .await?;
     Ok(())
 }

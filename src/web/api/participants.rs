@@ -50,15 +50,15 @@ struct Participant {
     condition: Option<String>,
     /// The label of their link.
     source: Option<String>,
-    /// RFC 3339.
-    started_at: String,
-    /// RFC 3339; null while they are under way.
+    /// RFC 3339; null for withdrawn people.
+    started_at: Option<String>,
+    /// RFC 3339; null while they are under way, and for withdrawn people.
     finished_at: Option<String>,
     /// Steps that were closed.
     answered: u64,
     /// Steps that their run has, the last page left out. Nothing is left of withdrawn people.
     steps: u64,
-    /// What is notable; it excludes nobody.
+    /// What is notable; it excludes nobody. Nothing is said about withdrawn people.
     flags: Vec<Flag>,
 }
 
@@ -116,7 +116,7 @@ impl From<WatchedParticipant> for Participant {
             state: row.state,
             condition: row.condition.map(|condition| condition.to_string()),
             source: row.source,
-            started_at: rfc3339(row.started_at),
+            started_at: row.started_at.map(rfc3339),
             finished_at: row.finished_at.map(rfc3339),
             answered: row.answered,
             steps: row.steps,

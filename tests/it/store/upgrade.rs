@@ -517,3 +517,52 @@ async fn answers_under_two_limits_are_told_apart_by_the_upgrade() {
         store.close().await;
     }
 }
+
+#[tokio::test]
+async fn withdrawals_under_earlier_schemas_lose_their_clocks() {
+    let (lab, _) = filled().await;
+    for version in 1..=MIGRATIONS.len() {
+        let folder = TempDir::new().unwrap();
+        let path = as_schema(version, &lab, &folder).await;
+        let mut raw = SqliteConnection::connect(path.to_str().unwrap())
+            .await
+            .unwrap();
+        sqlx::raw_sql(
+            r#"
+            update run set source = 'poster', started_at_ms = 1700000012345, finished_at_ms = 1700000054321
+            where state = 'withdrawn';
+            update arrival set source = 'poster', created_at_ms = 1700000011111
+            where run_id in (select id from run where state = 'withdrawn');
+            update event set at_ms = 1700000054321 where kind = 'erased';
+            "#,
+        )
+        .execute(&mut raw)
+        .await
+        .unwrap();
+        raw.close().await.unwrap();
+        let clock = Clock::manual(Timestamp(1_800_000_000_000));
+        let store = Store::open(Options::at(&path), clock).await.unwrap();
+        store.close().await;
+        let mut raw = SqliteConnection::connect(path.to_str().unwrap())
+            .await
+            .unwrap();
+        let left: Vec<(Option<String>, i64)> = sqlx::query_as(
+            r#"
+            select source, started_at_ms from run where state = 'withdrawn'
+            union all
+            select source, finished_at_ms from run where state = 'withdrawn'
+            union all
+            select source, created_at_ms from arrival where run_id in (select id from run where state = 'withdrawn')
+            union all
+            select null, at_ms from event where kind = 'erased'
+            "#,
+        )
+        .fetch_all(&mut raw)
+        .await
+        .unwrap();
+        assert_eq!(left.len(), 4);
+        for (source, at_ms) in left {
+            assert_eq!((source, at_ms % 86_400_000), (None, 0), "schema {version}");
+        }
+    }
+}

@@ -3,7 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::store::{
-    AnalysisSet, Error, EventKind, NewArrival, NewRun, Population, RunId, RunState, Store, Token,
+    AnalysisSet, Error, EventKind, NewArrival, NewRun, ParticipantFilter, Population, RunId,
+    RunState, Store, Token,
 };
 use riskaware::study::{NotAdmitted, Reply, StudyId, TimeFactor};
 use sqlx::Connection;
@@ -219,6 +220,57 @@ async fn the_row_that_stays_tells_neither_condition_nor_clock_nor_more_time() {
 #[tokio::test]
 async fn a_withdrawal_is_judged_in_its_place_among_other_jobs() {
     let mut lab = Lab::open().await;
+#[tokio::test]
+async fn neither_a_language_nor_a_clock_is_left_of_whoever_withdrew() {
+    let mut lab = Lab::open().await;
+    lab.clock.advance(12_345);
+    let arrival = NewArrival {
+        language: Some("de".to_owned()),
+        ..NewArrival::default()
+    };
+    let arrival = lab.arrival("driving", arrival).await;
+    let run = lab.new_run("driving");
+    let person = Person::of(&lab.store.start(&arrival, run).await.unwrap());
+    lab.clock.advance(54_321);
+    lab.store.withdraw(&person.link).await.unwrap();
+    let mut raw = SqliteConnection::connect(lab.path().to_str().unwrap())
+        .await
+        .unwrap();
+    let left: Vec<(Option<String>, i64)> = sqlx::query_as(
+        r#"
+        select language, started_at_ms from run
+        union all
+        select language, finished_at_ms from run
+        union all
+        select language, created_at_ms from arrival
+        union all
+        select null, made_at_ms from run_token
+        union all
+        select null, at_ms from event
+        "#,
+    )
+    .fetch_all(&mut raw)
+    .await
+    .unwrap();
+    assert_eq!(left.len(), 5);
+    for (language, at_ms) in left {
+        assert_eq!((language, at_ms % 86_400_000), (None, 0));
+    }
+    let shown = lab
+        .store
+        .participants_before(
+            (&StudyId::from("driving"), Population::People),
+            &ParticipantFilter::default(),
+            (None, &[]),
+            None,
+            10,
+        )
+        .await
+        .unwrap();
+    assert_eq!((shown[0].started_at, shown[0].finished_at), (None, None));
+    assert!(shown[0].flags.is_empty());
+}
+
     let person = lab.start_and_reach_timed("driving").await;
     let other = lab.start_and_reach_timed("driving").await;
     let answer = |store: Store, run, position| async move {
