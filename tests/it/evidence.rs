@@ -340,3 +340,30 @@ async fn a_blind_study_shows_who_took_part_and_nothing_else() {
     assert!(app.get("/results/driving").await.html.contains("<table"));
     app.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_version_of_the_study_is_compared_and_looked_at_anew_without_new_answers() {
+    let (app, catalogue) = start(RULE).await;
+    drives(&app.store, &catalogue, 0..6, 5).await;
+    let _background = Background::start(&app.store, &catalogue);
+    let is_there = async || {
+        until(&app.store, async || {
+            let snapshot = snapshot(&app, &catalogue).await;
+            let looks = snapshot.sequential();
+            snapshot
+                .comparison(&"all".into())
+                .is_some_and(|compared| !compared.is_behind)
+                && looks.is_some_and(|evidence| !evidence.is_behind)
+        })
+        .await;
+    };
+    is_there().await;
+    let (name, text) = driving(RULE).remove(0);
+    let text = text.replace("weighting = \"monotone\"", "weighting = \"paper-range\"");
+    let study = study::Study::parse(&name, &text).unwrap();
+    catalogue.renew(&app.store, study).await.unwrap();
+    let changed = snapshot(&app, &catalogue).await;
+    assert!(changed.comparison(&"all".into()).is_none());
+    is_there().await;
+    app.stop().await;
+}
