@@ -391,3 +391,33 @@ async fn of_somebody_who_declines_no_id_is_kept() {
         RunState::Declined
     );
 }
+
+/// What the server does when it has nothing else to do takes two seconds to begin; this waits for it to be done.
+async fn is_emptied(log: &std::path::Path) -> bool {
+    for _ in 0..100 {
+        if std::fs::metadata(log).unwrap().len() == 0 {
+            return true;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+    false
+}
+
+#[tokio::test]
+async fn the_write_ahead_log_is_emptied_after_a_bad_end_and_when_somebody_declines() {
+    let mut lab = Lab::open().await;
+    let log = lab.path().with_extension("db-wal");
+    assert!(std::fs::metadata(&log).unwrap().len() > 0);
+    // Whatever a server before this one left there.
+    assert!(is_emptied(&log).await);
+
+    let mut person = lab.start("driving").await;
+    assert!(std::fs::metadata(&log).unwrap().len() > 0);
+    person.says(&lab, CONSENT, Reply::Declined).await.unwrap();
+    assert!(is_emptied(&log).await);
+
+    lab.arrival("driving", NewArrival::default()).await;
+    lab.clock.advance(2 * 24 * 60 * 60 * 1_000);
+    assert_eq!(lab.store.forget_arrivals().await.unwrap(), 1);
+    assert!(is_emptied(&log).await);
+}
