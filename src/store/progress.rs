@@ -1,9 +1,10 @@
 //! How a study is going: where people are, where they stop, and how long they take.
 //!
 //! Everything here is counted when it is asked for, in one pass over a study's runs, steps and answers each; withdrawn
-//! people have none of these any more, and previews are left out.
+//! people have none of these any more, and previews are left out. So are imported people wherever steps and times are told:
+//! their runs were made from a table, and they came to no page of this server.
 
-use super::{Error, Population, RunState, Store};
+use super::{Error, Population, RunState, Store, import};
 use crate::study::{BlockId, QuestionId, StudyId, Timestamp};
 
 /// Answer times are counted in classes of this width, so that a median needs no sorting of all answers.
@@ -87,6 +88,7 @@ impl Store {
                 and step.position <= run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             left join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
+            and run.platform is not ?4
             group by step.kind, step.block, step.question, class
             order by class
             "#,
@@ -94,6 +96,7 @@ impl Store {
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(CLASS_MS)
+        .bind(import::PLATFORM)
         .fetch_all(&self.pool)
         .await?;
         let stops: Vec<Stop> = sqlx::query_as(
@@ -107,18 +110,20 @@ impl Store {
                 and step.position = run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and run.state <> 'completed'
+            and run.platform is not ?4
             group by step.kind, step.block, step.question, here
             "#,
         )
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(self.now().0 - LEFT_AFTER_MS)
+        .bind(import::PLATFORM)
         .fetch_all(&self.pool)
         .await?;
         Ok(steps(classes, &stops))
     }
 
-    /// The median time of completed runs from the start to the end.
+    /// The median time of completed runs from the start to the end, imported ones left out.
     ///
     /// # Errors
     /// When the database fails.
@@ -135,6 +140,7 @@ impl Store {
                     from run
                     where study_id = ?1 and is_simulated = ?2 and is_preview = 0
                     and state = 'completed' and finished_at_ms is not null
+                    and platform is not ?3
                 ),
                 total as (select count(*) as n from duration)
             select avg(ms)
@@ -150,6 +156,7 @@ impl Store {
         )
         .bind(study.as_str())
         .bind(population.is_simulated())
+        .bind(import::PLATFORM)
         .fetch_one(&self.pool)
         .await?;
         Ok(median.map(|ms| ms.round() as u64))
