@@ -110,6 +110,7 @@ impl Catalogue {
                         .await?
                 }
             };
+            set_ends(store, &study).await?;
             served.add_earlier(store, &study, version).await?;
             served.add(version, Arc::new(study));
         }
@@ -147,6 +148,8 @@ impl Catalogue {
         let version = store
             .publish(study.id(), study.hash(), study.text(), state_if_new(&study))
             .await?;
+        // Before anybody is taken in by it.
+        set_ends(store, &study).await?;
         let study = Arc::new(study);
         {
             let mut served = self.served.write().unwrap_or_else(PoisonError::into_inner);
@@ -295,6 +298,18 @@ async fn is_of_the_lab(
 ) -> Result<bool, store::Error> {
     let current = store.study_version(row.version).await?;
     Ok(!current.is_built_in && current.hash != built_in.hash())
+}
+
+/// Where unfinished runs give their places back, those do too that began under a version without an end.
+async fn set_ends(store: &Store, study: &Study) -> Result<(), store::Error> {
+    let Some(time_limit_ms) = study.recruiting().time_limit_ms else {
+        return Ok(());
+    };
+    let runs = store.set_ends(study.id(), time_limit_ms).await?;
+    if runs > 0 {
+        tracing::info!(study = %study.id(), runs, "runs under way that had no end got one, since the study limits the time of a run now");
+    }
+    Ok(())
 }
 
 /// A study whose file does not say that it is open is a draft until somebody opens it.

@@ -65,6 +65,7 @@ pub(super) enum Hot {
 pub(super) enum Rare {
     Publish(Publish, Ticket<VersionId>),
     SetState(StudyId, StudyState, Ticket<()>),
+    SetEnds(StudyId, Timestamp, Ticket<u64>),
     Withdraw(RunId, Timestamp, Ticket<()>),
     SaveFits(Vec<NewFit>, Timestamp, Ticket<Vec<super::FitId>>),
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
@@ -211,6 +212,7 @@ impl Job {
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
                 | Rare::ForgetPeople(_, _, ticket)
+                | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.deliver(),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
@@ -235,6 +237,7 @@ impl Job {
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
                 | Rare::ForgetPeople(_, _, ticket)
+                | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.fail(err),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),

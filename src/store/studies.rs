@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::job::{Job, Publish, Rare};
-use super::{Change, Error, Population, Store, StudyState, VersionId};
+use super::{Change, Error, Population, Store, StudyState, VersionId, import};
 use crate::study::{StudyId, Timestamp};
 
 /// A study as the database knows it.
@@ -92,6 +92,18 @@ impl Store {
             at: self.now(),
         })
         .await
+    }
+
+    /// Gives everybody who is under way in a study without an end one, `time_limit_ms` from now on: a version that counts
+    /// places may follow one that did not, and who began under that one holds a place too. Previews and imported people
+    /// hold none. Returns how many got one.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn set_ends(&self, study: &StudyId, time_limit_ms: i64) -> Result<u64, Error> {
+        let (study, ends_at) = (study.clone(), Timestamp(self.now().0 + time_limit_ms));
+        self.wait_for(|ticket| Job::Rare(Rare::SetEnds(study, ends_at, ticket)))
+            .await
     }
 
     async fn send_text(&self, publish: Publish) -> Result<VersionId, Error> {
@@ -258,6 +270,28 @@ pub(super) async fn publish(
         Vec::new()
     };
     Ok((version, changes))
+}
+
+/// Sets the end of runs under way that have none. Returns how many there were.
+pub(super) async fn set_ends(
+    connection: &mut SqliteConnection,
+    study: &StudyId,
+    ends_at: Timestamp,
+) -> Result<u64, sqlx::Error> {
+    let set = sqlx::query(
+        r#"
+        update run
+        set expires_at_ms = ?
+        where study_id = ? and state = 'active' and is_preview = 0
+        and expires_at_ms is null and platform is not ?
+        "#,
+    )
+    .bind(ends_at.0)
+    .bind(study.as_str())
+    .bind(import::PLATFORM)
+    .execute(connection)
+    .await?;
+    Ok(set.rows_affected())
 }
 
 /// Sets a study's state. No changes mean that there is no such study.

@@ -296,6 +296,7 @@ fn erases(rare: &Rare) -> bool {
         Rare::Withdraw(..) | Rare::ForgetPeople(..) | Rare::ForgetArrivals(..) => true,
         Rare::Publish(..)
         | Rare::SetState(..)
+        | Rare::SetEnds(..)
         | Rare::SaveFits(..)
         | Rare::SaveComparison(..)
         | Rare::SaveCheckpoints(..)
@@ -323,6 +324,10 @@ async fn write_rare(
                 Err(Error::NotFound("study"))
             });
             Ok(changes)
+        }
+        Rare::SetEnds(study, ends_at, ticket) => {
+            ticket.hold(Ok(studies::set_ends(connection, study, *ends_at).await?));
+            Ok(Vec::new())
         }
         Rare::Withdraw(run, at, ticket) => {
             let changes = withdraw::erase(connection, *run, *at).await?;

@@ -415,3 +415,33 @@ mturk = { frame = true }
     assert_eq!(recruiting.time_limit_ms, Some(30 * 60_000));
     assert!(recruiting.mturk.frame);
 }
+
+const GAMBLES: &str = include_str!("../data/gambles.toml");
+
+#[tokio::test]
+async fn who_began_before_there_was_a_quota_holds_a_place_in_it() {
+    let file = ("gambles.toml".to_owned(), GAMBLES.to_owned());
+    let app = App::with(Clock::manual(START), vec![file]).await;
+    for _ in 0..2 {
+        app.participant_of("/s/three-gambles").await;
+    }
+    let study = StudyId::from("three-gambles");
+    let taken = async || {
+        let places = app.store.places_taken(&study, Population::People).await;
+        places.unwrap().values().sum::<u64>()
+    };
+    assert_eq!(taken().await, 0);
+    let with_quota = format!("{GAMBLES}\n[recruiting]\nquota = 2\n");
+    let file = ("gambles.toml".to_owned(), with_quota);
+    let catalogue = Catalogue::publish(&app.store, vec![file]).await.unwrap();
+    assert_eq!(taken().await, 2);
+    // They have the whole time of a run from then on, and give their places back after it.
+    let (_, served) = catalogue.current(&study).unwrap();
+    let limit_ms = served.recruiting().time_limit_ms.unwrap();
+    app.clock.advance(limit_ms - 1_000);
+    assert_eq!(app.store.close_overdue().await.unwrap(), 0);
+    app.clock.advance(2_000);
+    assert_eq!(app.store.close_overdue().await.unwrap(), 2);
+    assert_eq!(taken().await, 0);
+    app.stop().await;
+}
