@@ -24,6 +24,8 @@ pub struct Totals {
     pub data_version: i64,
     /// Moves with every change of what is shown, new fits included.
     pub page_version: i64,
+    /// The data version of the last withdrawal of somebody who was counted; 0 if there was none.
+    pub erased_version: i64,
 }
 
 #[derive(sqlx::FromRow)]
@@ -37,6 +39,7 @@ struct TotalsRow {
     withdrawn: i64,
     data_version: i64,
     page_version: i64,
+    erased_version: i64,
 }
 
 impl Totals {
@@ -101,7 +104,7 @@ impl Store {
             r#"
             select
                 started, completed, declined, screened_out, failed_check, timed_out, withdrawn, data_version,
-                page_version
+                page_version, erased_version
             from population
             where study_id = ? and is_simulated = ?
             "#,
@@ -121,6 +124,7 @@ impl Store {
             withdrawn: count(row.withdrawn),
             data_version: row.data_version,
             page_version: row.page_version,
+            erased_version: row.erased_version,
         })
     }
 

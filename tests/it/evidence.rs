@@ -367,3 +367,31 @@ async fn another_version_of_the_study_is_compared_and_looked_at_anew_without_new
     is_there().await;
     app.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn after_a_withdrawal_no_fit_starts_from_one_with_the_person() {
+    let (app, catalogue) = start("").await;
+    let _background = Background::start(&app.store, &catalogue);
+    let all_fitted = async || {
+        until(&app.store, async || {
+            let snapshot = snapshot(&app, &catalogue).await;
+            let mut parts = snapshot.fits.iter();
+            parts.all(|part| part.fit.is_some() && !part.is_behind)
+        })
+        .await;
+    };
+    drives(&app.store, &catalogue, 0..3, 2).await;
+    all_fitted().await;
+    drives(&app.store, &catalogue, 3..5, 5).await;
+    all_fitted().await;
+    let from_before = snapshot(&app, &catalogue).await;
+    assert!(from_before.fits.iter().all(|part| part.is_provisional()));
+    app.store
+        .erase(&"driving".into(), Population::People, 1.into())
+        .await
+        .unwrap();
+    all_fitted().await;
+    let without = snapshot(&app, &catalogue).await;
+    assert!(without.fits.iter().all(|part| !part.is_provisional()));
+    app.stop().await;
+}
