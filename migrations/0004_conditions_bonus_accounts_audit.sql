@@ -92,6 +92,8 @@ create index run_place on run (study_id, is_simulated, condition)
 create table withdrawn_person (
     study_id text not null references study (id),
     platform_key text not null,
+    -- Under which they took part: its retention date is the one that they agreed to.
+    version_id integer not null references study_version (id),
     primary key (study_id, platform_key)
 ) strict, without rowid;
 

@@ -71,7 +71,7 @@ pub(super) enum Rare {
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
-    ForgetPeople(StudyId, Timestamp, Ticket<u64>),
+    ForgetPeople(StudyId, Vec<VersionId>, Timestamp, Ticket<u64>),
     Account(Box<AccountChange>, Timestamp, Ticket<i64>),
     Import(Box<Import>, Ticket<u64>),
 }
@@ -174,8 +174,8 @@ pub(super) struct Publish {
     pub(super) hash: String,
     pub(super) text: String,
     pub(super) state_if_new: StudyState,
-    pub(super) at: Timestamp,
     pub(super) is_built_in: bool,
+    pub(super) at: Timestamp,
 }
 
 impl Arrive {
@@ -211,7 +211,7 @@ impl Job {
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
-                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::ForgetPeople(_, _, _, ticket)
                 | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.deliver(),
@@ -236,7 +236,7 @@ impl Job {
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
-                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::ForgetPeople(_, _, _, ticket)
                 | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.fail(err),

@@ -4,7 +4,9 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::import;
 use super::job::{Job, Rare};
-use super::{Change, Error, Population, RunId, RunState, Store, Token, json, load, runs};
+use super::{
+    Change, Error, Population, RunId, RunState, Store, Token, VersionId, json, load, runs,
+};
 use crate::study::{StudyId, Timestamp};
 
 /// Of the times of a withdrawn run their days are kept.
@@ -54,18 +56,22 @@ impl Store {
             .await
     }
 
-    /// Erases the links of a study's runs and what recruiting platforms told of their people, after its retention date.
-    /// Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
+    /// Erases the links of the runs that began under these versions of a study, and what recruiting platforms told of their
+    /// people, after the retention date. Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn forget_people(&self, study: &StudyId) -> Result<u64, Error> {
+    pub async fn forget_people(
+        &self,
+        study: &StudyId,
+        versions: &[VersionId],
+    ) -> Result<u64, Error> {
         let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
-        if !self.is_anybody_known(study, before).await? {
+        if !self.is_anybody_known(study, versions, before).await? {
             return Ok(0);
         }
-        let study = study.clone();
-        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, before, ticket)))
+        let (study, versions) = (study.clone(), versions.to_vec());
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, versions, before, ticket)))
             .await
     }
 }
@@ -192,8 +198,8 @@ pub(super) async fn erase(
 async fn remember_person(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
     sqlx::query(
         r#"
-        insert into withdrawn_person (study_id, platform_key)
-        select study_id, platform_key
+        insert into withdrawn_person (study_id, platform_key, version_id)
+        select study_id, platform_key, version_id
         from run
         where id = ? and platform_key is not null and is_preview = 0
         on conflict do nothing
@@ -221,18 +227,21 @@ async fn forget_results(connection: &mut SqliteConnection, run: RunId) -> Result
     Ok(())
 }
 
-/// Erases links and recruiting ids of the runs of a study that are over or began before `before`. Returns how many had
-/// any. The keys of imported people stay, so that the same file is not imported twice: they came by no link.
+/// Erases links and recruiting ids of the runs under these versions of a study that are over or began before `before`.
+/// Returns how many had any. The keys of imported people stay, so that the same file is not imported twice: they came by no link.
 pub(super) async fn forget_people(
     connection: &mut SqliteConnection,
     study: &StudyId,
+    versions: &[VersionId],
     before: Timestamp,
 ) -> Result<u64, sqlx::Error> {
+    let versions = json(&versions);
     let runs: Vec<RunId> = sqlx::query_scalar(
         r#"
         select id
         from run
         where study_id = ?
+        and version_id in (select value from json_each(?))
         and (state <> 'active' or started_at_ms < ?)
         and (
             (platform is not null and platform <> ?) or recruiting is not null
@@ -241,6 +250,7 @@ pub(super) async fn forget_people(
         "#,
     )
     .bind(study.as_str())
+    .bind(&versions)
     .bind(before.0)
     .bind(import::PLATFORM)
     .fetch_all(&mut *connection)
@@ -259,10 +269,12 @@ pub(super) async fn forget_people(
             .execute(&mut *connection)
             .await?;
     }
-    sqlx::query("delete from withdrawn_person where study_id = ?")
-        .bind(study.as_str())
-        .execute(connection)
-        .await?;
+    sqlx::query(
+        "delete from withdrawn_person where version_id in (select value from json_each(?))",
+    )
+    .bind(&versions)
+    .execute(connection)
+    .await?;
     Ok(runs.len() as u64)
 }
 

@@ -349,8 +349,8 @@ async fn write_rare(
             ticket.hold(Ok(is_first));
             Ok(changes)
         }
-        Rare::ForgetPeople(study, before, ticket) => {
-            let forgotten = withdraw::forget_people(connection, study, *before).await?;
+        Rare::ForgetPeople(study, versions, before, ticket) => {
+            let forgotten = withdraw::forget_people(connection, study, versions, *before).await?;
             ticket.hold(Ok(forgotten));
             Ok(Vec::new())
         }

@@ -111,6 +111,8 @@ pub struct Words {
     withdrew: String,
     pub(crate) gone_title: String,
     pub(crate) gone_text: String,
+    pub(crate) unreadable_title: String,
+    pub(crate) unreadable_text: String,
     day: String,
     moment: String,
     months: String,

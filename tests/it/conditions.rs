@@ -8,8 +8,8 @@ use reqwest::{Client, StatusCode, redirect::Policy};
 use riskaware::{
     clock::Clock,
     jobs::{Catalogue, closing},
-    store::{AnswerKey, Population, RunState, StudyState},
-    study::{ConditionId, Device, StepKind, Study, StudyId, Timestamp},
+    store::{AnswerKey, NewArrival, NewRun, Population, RunState, StudyState, Token, draw_run},
+    study::{ConditionId, Device, StepKind, Study, StudyId, TimeFactor, Timestamp},
 };
 use tokio::task::JoinSet;
 
@@ -300,15 +300,6 @@ async fn a_preview_starts_in_every_state_and_never_counts() {
 #[tokio::test]
 async fn whoever_finished_can_withdraw_until_the_retention_date() {
     let app = serve("retention = 2026-01-31").await;
-    let catalogue = Catalogue::publish(
-        &app.store,
-        vec![(
-            "between.toml".to_owned(),
-            with_recruiting("retention = 2026-01-31"),
-        )],
-    )
-    .await
-    .unwrap();
     let mut early = app.participant_of("/s/between?PROLIFIC_PID=5f3").await;
     early.finishes("bold").await;
     let link = early
@@ -320,7 +311,7 @@ async fn whoever_finished_can_withdraw_until_the_retention_date() {
     late.finishes("safe").await;
 
     app.clock.advance(30 * 24 * 60 * 60_000);
-    closing::forget_people(&app.store, &catalogue).await;
+    closing::forget_people(&app.store).await;
     let withdrawn = app
         .client
         .post(format!("{}{link}", app.url))
@@ -331,7 +322,7 @@ async fn whoever_finished_can_withdraw_until_the_retention_date() {
     assert!(withdrawn.html.contains("Your answers are erased"));
 
     app.clock.advance(2 * 24 * 60 * 60_000);
-    closing::forget_people(&app.store, &catalogue).await;
+    closing::forget_people(&app.store).await;
     assert_eq!(late.reloads().await.status, StatusCode::NOT_FOUND);
     let path = format!("/r/{}/withdraw", late.token());
     let gone = app.get(&path).await;
@@ -443,5 +434,72 @@ async fn who_began_before_there_was_a_quota_holds_a_place_in_it() {
     app.clock.advance(2_000);
     assert_eq!(app.store.close_overdue().await.unwrap(), 2);
     assert_eq!(taken().await, 0);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn a_later_version_does_not_prolong_what_people_agreed_to() {
+    let app = serve("retention = 2026-01-31").await;
+    let mut person = app.participant_of("/s/between?PROLIFIC_PID=5f3").await;
+    person.finishes("bold").await;
+    for keys in ["retention = 2030-01-31", ""] {
+        let file = ("between.toml".to_owned(), with_recruiting(keys));
+        Catalogue::publish(&app.store, vec![file]).await.unwrap();
+    }
+    closing::forget_people(&app.store).await;
+    assert_eq!(person.reloads().await.status, StatusCode::OK);
+    app.clock.advance(32 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store).await;
+    assert_eq!(person.reloads().await.status, StatusCode::NOT_FOUND);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn what_this_program_does_not_read_any_more_can_be_withdrawn_and_is_forgotten() {
+    let app = serve("").await;
+    let study = StudyId::from("of-old");
+    let text = "format = 0\n[recruiting]\nretention = 2026-01-31\n";
+    let version = app
+        .store
+        .publish(&study, "hash", text, StudyState::Open)
+        .await
+        .unwrap();
+    let between = Study::parse("between.toml", BETWEEN).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut links = Vec::new();
+    for _ in 0..2 {
+        let arrival = Token::random(&mut rng);
+        let from = NewArrival::default();
+        app.store.arrive(&arrival, &study, from).await.unwrap();
+        let run = NewRun {
+            study: study.clone(),
+            version,
+            candidates: draw_run(&between, &mut rng).unwrap(),
+            quota: None,
+            time_limit_ms: None,
+            refusal: None,
+            factor: TimeFactor::ONE,
+            language: None,
+            population: Population::People,
+            is_preview: false,
+        };
+        links.push(app.store.start(&arrival, run).await.unwrap().link);
+    }
+    let path = format!("/r/{}", links[0]);
+    let page = app.get(&path).await;
+    assert_eq!(page.status, StatusCode::SERVICE_UNAVAILABLE);
+    let withdraw = page.attribute("main a[href$=withdraw]", "href").unwrap();
+    let asked = app.get(&withdraw).await;
+    assert_eq!(asked.status, StatusCode::OK);
+    assert!(asked.html.contains("Stop and withdraw?"));
+    let posted = app.client.post(format!("{}{withdraw}", app.url));
+    let erased = Page::of(posted.send().await.unwrap()).await;
+    assert_eq!(erased.status, StatusCode::OK);
+    assert!(erased.html.contains("Your answers are erased"));
+
+    app.clock.advance(32 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store).await;
+    let gone = app.get(&format!("/r/{}", links[1])).await;
+    assert_eq!(gone.status, StatusCode::NOT_FOUND);
     app.stop().await;
 }

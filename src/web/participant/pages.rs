@@ -453,6 +453,14 @@ pub(super) struct WithdrawPage {
     pub has_ended: bool,
 }
 
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/unreadable.html")]
+pub(super) struct UnreadablePage {
+    pub words: Words,
+    pub token: Token,
+    pub is_owner: bool,
+}
+
 /// A drawn scene, to stand inside the page.
 pub(super) fn scene(id: Option<&str>) -> Option<&'static str> {
     assets::text(&format!("scenes/{}.svg", id?))

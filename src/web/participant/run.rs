@@ -19,7 +19,7 @@ use super::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
         ReplaysPage, RunLink, scene,
     },
-    withdrawal::{gone, withdrawn},
+    withdrawal::{gone, unreadable, withdrawn},
 };
 use crate::{
     chance::Chance,
@@ -46,7 +46,10 @@ pub(super) async fn current(
         Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
-    let study = pages.study(&run)?;
+    let Some(study) = pages.catalogue.version(run.version) else {
+        tracing::error!(version = %run.version, "a run cannot be shown: the stored text of its study is not readable any more");
+        return Ok(unreadable(&run, token, &headers));
+    };
     let study = in_language(&study, run.language.as_deref());
     let page = pages.page(&token, &run, study, Rejected::default()).await;
     Ok(framed(study, page))
@@ -60,7 +63,7 @@ pub(super) async fn answer(
     form: Result<Form<Fields>, FormRejection>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let Form(fields) = form.map_err(unreadable)?;
+    let Form(fields) = form.map_err(unreadable_form)?;
     let run = pages.store.run(&token).await?;
     if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
@@ -113,7 +116,7 @@ fn led_on(
     }
 }
 
-fn unreadable(rejection: FormRejection) -> Error {
+fn unreadable_form(rejection: FormRejection) -> Error {
     if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
         return Error::TooLarge {
             allowed: super::FORM_LIMIT,

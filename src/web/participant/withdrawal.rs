@@ -11,11 +11,11 @@ use axum::{
 use super::{
     arrival::{in_language, read_token},
     framed, language,
-    pages::{NotePage, WithdrawPage},
+    pages::{NotePage, UnreadablePage, WithdrawPage},
 };
 use crate::{
     jobs::Catalogue,
-    store::{self, RunState, Store},
+    store::{self, RunState, RunView, Store, Token},
     study::Words,
     web::Error,
 };
@@ -32,19 +32,22 @@ pub(super) async fn ask(
         Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
         found => found?,
     };
-    let study = catalogue.version(run.version);
-    let study = study.ok_or(Error::NotFound("study"))?;
-    let study = in_language(&study, run.language.as_deref());
-    let words = study.words().clone();
-    let page = match (run.is_owner, run.state) {
-        (false, _) => Err(not_the_owner()),
-        (true, RunState::Withdrawn) => Ok(withdrawn(&words).into_response()),
-        (true, RunState::Active) => Ok(WithdrawPage {
-            words,
-            token,
-            has_ended: false,
+    match catalogue.version(run.version) {
+        Some(study) => {
+            let study = in_language(&study, run.language.as_deref());
+            let page = question(&run, token, study.words().clone());
+            Ok(framed(study, page))
         }
-        .into_response()),
+        // Nobody may lose the right to withdraw because a later program does not read the study any more.
+        None => question(&run, token, words_without_study(&run, &headers)),
+    }
+}
+
+fn question(run: &RunView, token: Token, words: Words) -> Result<Response, Error> {
+    let has_ended = match (run.is_owner, run.state) {
+        (false, _) => return Err(not_the_owner()),
+        (true, RunState::Withdrawn) => return Ok(withdrawn(&words).into_response()),
+        (true, RunState::Active) => false,
         (
             true,
             RunState::Completed
@@ -52,14 +55,35 @@ pub(super) async fn ask(
             | RunState::ScreenedOut
             | RunState::FailedCheck
             | RunState::TimedOut,
-        ) => Ok(WithdrawPage {
-            words,
-            token,
-            has_ended: true,
-        }
-        .into_response()),
+        ) => true,
     };
-    Ok(framed(study, page))
+    Ok(WithdrawPage {
+        words,
+        token,
+        has_ended,
+    }
+    .into_response())
+}
+
+/// The page of a run whose study's text this program does not read: all that can be done there is to withdraw.
+pub(super) fn unreadable(run: &RunView, token: Token, headers: &HeaderMap) -> Response {
+    let words = words_without_study(run, headers);
+    if run.state == RunState::Withdrawn {
+        return withdrawn(&words).into_response();
+    }
+    let page = UnreadablePage {
+        words,
+        token,
+        is_owner: run.is_owner,
+    };
+    (StatusCode::SERVICE_UNAVAILABLE, page).into_response()
+}
+
+/// The words that a run is told without its study: in its own language, else in one that the browser likes.
+fn words_without_study(run: &RunView, headers: &HeaderMap) -> Words {
+    let liked = language::liked(headers);
+    let own = run.language.as_deref();
+    Words::of_languages(own.into_iter().chain(liked.iter().map(String::as_str)))
 }
 
 /// POST `/r/TOKEN/withdraw`: erases the run.

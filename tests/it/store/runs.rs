@@ -540,7 +540,10 @@ async fn runs_without_an_end_and_imported_ones_take_no_place() {
     let median = lab.store.median_duration_ms(&driving, people).await;
     assert_eq!(median.unwrap(), None);
     // What the retention date erases is links; the same people are still known.
-    lab.store.forget_people(&driving).await.unwrap();
+    lab.store
+        .forget_people(&driving, &[lab.driving])
+        .await
+        .unwrap();
     assert!(matches!(import().await, Err(Error::Refused(_))));
 
     let with_quota = NewRun {
