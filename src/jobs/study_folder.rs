@@ -31,6 +31,8 @@ pub type Prepare = Arc<dyn Fn(&Study) -> Result<(), String> + Send + Sync>;
 pub struct StudyFolder {
     path: PathBuf,
     known: HashMap<PathBuf, Known>,
+    /// How changed files looked at the last look. What still changes is being written.
+    seen: HashMap<PathBuf, (Option<SystemTime>, u64)>,
 }
 
 /// A file as it was last read.
@@ -68,6 +70,7 @@ impl StudyFolder {
         Self {
             path: path.to_owned(),
             known: HashMap::new(),
+            seen: HashMap::new(),
         }
     }
 
@@ -129,7 +132,7 @@ impl StudyFolder {
         }
     }
 
-    /// Publishes what changed since the last look.
+    /// Publishes what changed, and looks as it did at the last look: a file that is being written may be half there.
     ///
     /// # Errors
     /// When the folder cannot be listed.
@@ -141,6 +144,9 @@ impl StudyFolder {
     ) -> Result<(), FolderError> {
         for changed in self.changed()? {
             let path = changed.path.clone();
+            if !self.is_settled(&changed) {
+                continue;
+            }
             match self.read(changed) {
                 Ok(None) => catalogue.note_file(&path.display().to_string(), None),
                 Ok(Some(study)) => match renew(store, catalogue, prepare, &path, study).await {
@@ -156,6 +162,14 @@ impl StudyFolder {
             }
         }
         Ok(())
+    }
+
+    /// Whether a file looks as it did at the last look.
+    fn is_settled(&mut self, changed: &Changed) -> bool {
+        let looks = (changed.modified, changed.length);
+        let before = self.seen.insert(changed.path.clone(), looks);
+        let read = self.known.get(&changed.path);
+        before == Some(looks) || read.is_some_and(|read| (read.modified, read.length) == looks)
     }
 
     fn note(&mut self, path: &Path, outcome: Outcome) {
