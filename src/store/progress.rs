@@ -189,6 +189,34 @@ impl Store {
         Ok(at.map(Timestamp))
     }
 
+    /// How many people asked for more time, by how many times the usual time they got; previews are left out.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn runs_with_more_time(
+        &self,
+        study: &StudyId,
+        population: Population,
+    ) -> Result<Vec<(f64, u64)>, Error> {
+        let rows: Vec<(f64, i64)> = sqlx::query_as(
+            r#"
+            select time_factor, count(*)
+            from run
+            where study_id = ? and is_simulated = ? and is_preview = 0 and time_factor > 1
+            group by time_factor
+            order by time_factor
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_all(&self.pool)
+        .await?;
+        Ok(rows
+            .into_iter()
+            .map(|(factor, n)| (factor, count(n)))
+            .collect())
+    }
+
     /// How many runs each source sent, by what became of them: ordered by source, people without one first.
     ///
     /// # Errors

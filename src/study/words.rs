@@ -26,6 +26,9 @@ pub struct Words {
     pub(crate) language_name: String,
     about_minutes: String,
     pub(crate) start: String,
+    pub(crate) more_time: String,
+    pub(crate) usual_time: String,
+    times_as_long: String,
     pub(crate) accept_first: String,
     pub(crate) preview: String,
     pub(crate) stop_and_withdraw: String,
@@ -168,6 +171,11 @@ impl Words {
 
     pub(crate) fn about_minutes(&self, minutes: &u32) -> String {
         fill(&self.about_minutes, &[("minutes", minutes)])
+    }
+
+    pub(crate) fn times_as_long(&self, times: &str) -> String {
+        let times = times.replace('.', &self.decimal_mark);
+        fill(&self.times_as_long, &[("times", &times)])
     }
 
     pub(crate) fn question_place(&self, number: &usize, of: &usize) -> String {

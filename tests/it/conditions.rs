@@ -9,7 +9,7 @@ use riskaware::{
     clock::Clock,
     jobs::{Catalogue, closing},
     store::{AnswerKey, NewArrival, NewRun, Population, RunState, StudyState, Token, draw_run},
-    study::{ConditionId, Device, StepKind, Study, StudyId, TimeFactor, Timestamp},
+    study::{self, ConditionId, Device, StepKind, Study, StudyId, TimeFactor, Timestamp},
 };
 use tokio::task::JoinSet;
 
@@ -422,7 +422,7 @@ async fn who_began_before_there_was_a_quota_holds_a_place_in_it() {
         places.unwrap().values().sum::<u64>()
     };
     assert_eq!(taken().await, 0);
-    let with_quota = format!("{GAMBLES}\n[recruiting]\nquota = 2\n");
+    let with_quota = GAMBLES.replacen("[recruiting]\n", "[recruiting]\nquota = 2\n", 1);
     let file = ("gambles.toml".to_owned(), with_quota);
     let catalogue = Catalogue::publish(&app.store, vec![file]).await.unwrap();
     assert_eq!(taken().await, 2);
@@ -502,4 +502,50 @@ async fn what_this_program_does_not_read_any_more_can_be_withdrawn_and_is_forgot
     let gone = app.get(&format!("/r/{}", links[1])).await;
     assert_eq!(gone.status, StatusCode::NOT_FOUND);
     app.stop().await;
+}
+
+#[tokio::test]
+async fn more_time_is_asked_for_at_the_start_and_its_timed_answers_are_no_counts() {
+    let (name, text) = study::built_in()[0];
+    let offers = text.replacen("[recruiting]\n", "[recruiting]\nmore_time = true\n", 1);
+    let offers = if offers == text {
+        format!("{text}\n[recruiting]\nmore_time = true\n")
+    } else {
+        offers
+    };
+    for (text, is_offered) in [(offers.as_str(), true), (text, false)] {
+        let file = (name.to_owned(), text.to_owned());
+        let app = App::with(Clock::manual(START), vec![file]).await;
+        let landing = app.get("/s/driving").await;
+        assert_eq!(
+            landing.attribute("select[name=time]", "id").is_some(),
+            is_offered
+        );
+        let action = landing.attribute("main form", "action").unwrap();
+        let press = |time: &'static str| {
+            let button = app.client.post(format!("{}{action}", app.url));
+            button.form(&[("time", time)]).send()
+        };
+        let refused = press("9").await.unwrap().status();
+        if is_offered {
+            assert_eq!(refused, StatusCode::BAD_REQUEST);
+            assert_eq!(press("1.5").await.unwrap().status(), StatusCode::OK);
+        }
+        let runs = app
+            .store
+            .participants(&"driving".into(), Population::People, 0.into(), 10)
+            .await
+            .unwrap();
+        let expected = if is_offered { 1.5 } else { 1.0 };
+        assert_eq!(runs[0].time_factor, expected);
+        let longer = app
+            .store
+            .runs_with_more_time(&"driving".into(), Population::People)
+            .await
+            .unwrap();
+        assert_eq!(longer.is_empty(), !is_offered);
+        let overview = app.get("/studies/driving").await;
+        assert_eq!(overview.html.contains("1.5 times as long"), is_offered);
+        app.stop().await;
+    }
 }

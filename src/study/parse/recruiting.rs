@@ -88,6 +88,7 @@ pub(super) fn read(
             .map(|minutes| i64::from(minutes) * 60_000),
         retention,
         filters: raw.filters.clone(),
+        more_time: raw.more_time,
         mturk: read_mturk(&raw.mturk, &path.key("mturk"))?,
     })
 }
