@@ -373,7 +373,7 @@ async fn what_a_migration_left_damaged_is_refused_at_every_start() {
         .filename(&path)
         .foreign_keys(false);
     let mut raw = SqliteConnection::connect_with(&options).await.unwrap();
-    sqlx::query("update step set problem_id = 999 where problem_id is not null")
+    sqlx::query("update run_token set run_id = 999 where is_owner = 1")
         .execute(&mut raw)
         .await
         .unwrap();
