@@ -1,17 +1,21 @@
 //! Server-sent events: which version of a study's data and fits is current. A page then fetches what changed.
 
-use std::convert::Infallible;
+use std::{convert::Infallible, time::Duration};
 
 use axum::response::sse::{Event, KeepAlive, Sse};
-use tokio::sync::{Semaphore, broadcast::error::RecvError};
+use tokio::{
+    sync::{Semaphore, broadcast::error::RecvError},
+    time::MissedTickBehavior,
+};
 use tokio_stream::Stream;
 use tokio_util::sync::CancellationToken;
 
-use super::Error;
+use super::{Error, access::Standing};
 use crate::{
+    clock::Clock,
     jobs::{Catalogue, Version},
     store::{Change, Population, Store},
-    study::StudyId,
+    study::{StudyId, Timestamp},
 };
 
 /// One event of a stream.
@@ -27,7 +31,41 @@ pub(super) struct VersionEvent {
 /// Streams that may be open at a time, so that watchers cannot use up the connections that answers need.
 static OPEN: Semaphore = Semaphore::const_new(256);
 
-/// Events named `version`: the current one at once, then each that follows, until the client goes or the server stops.
+/// How long a stream goes on without asking again whether its reader may read it, where nothing changes.
+const ASKED_AGAIN: Duration = Duration::from_secs(10);
+
+/// Where much changes it is asked no more often than this, in milliseconds.
+const LEAST_BETWEEN_MS: u64 = 1000;
+
+/// A reader's leave with the time at which it was last asked for.
+struct Leave {
+    standing: Standing,
+    clock: Clock,
+    asked_at: Timestamp,
+}
+
+impl Leave {
+    /// Whether the reader may read what changed: asked again where the last answer is not of this moment.
+    async fn lasts(&mut self) -> bool {
+        let now = self.clock.now();
+        if now.millis_since(self.asked_at) < LEAST_BETWEEN_MS {
+            return true;
+        }
+        self.asked_at = now;
+        self.holds().await
+    }
+
+    /// Whether the reader may go on at all.
+    async fn holds(&self) -> bool {
+        self.standing.holds().await.unwrap_or_else(|error| {
+            tracing::warn!(%error, "whether a stream may go on could not be read");
+            false
+        })
+    }
+}
+
+/// Events named `version`: the current one at once, then each that follows, until the client goes, may read the study no
+/// longer, or the server stops.
 ///
 /// A slow client skips versions, because only the newest says anything.
 pub(super) async fn stream(
@@ -35,6 +73,7 @@ pub(super) async fn stream(
     catalogue: &Catalogue,
     population: Population,
     study: StudyId,
+    standing: Standing,
     stop: CancellationToken,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     if catalogue.current(&study).is_none() {
@@ -45,6 +84,14 @@ pub(super) async fn stream(
     let mut changes = store.subscribe();
     let (sender, events) = tokio::sync::mpsc::channel(1);
     let mut version = Version::from(&store.totals(&study, population).await?);
+    let mut leave = Leave {
+        standing,
+        clock: store.clock().clone(),
+        asked_at: store.clock().now(),
+    };
+    let mut again = tokio::time::interval(ASKED_AGAIN);
+    again.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    again.tick().await;
     tokio::spawn(async move {
         let _place = place;
         loop {
@@ -62,6 +109,12 @@ pub(super) async fn stream(
             version = loop {
                 let change = tokio::select! {
                     change = changes.recv() => change,
+                    _ = again.tick() => {
+                        if leave.holds().await {
+                            continue;
+                        }
+                        return;
+                    }
                     () = sender.closed() => return,
                     () = stop.cancelled() => return,
                 };
@@ -82,6 +135,9 @@ pub(super) async fn stream(
                     Err(RecvError::Closed) => return,
                 }
             };
+            if !leave.lasts().await {
+                return;
+            }
         }
     });
     let events = tokio_stream::wrappers::ReceiverStream::new(events);

@@ -481,7 +481,6 @@ async fn what_this_program_does_not_read_any_more_can_be_withdrawn_and_is_forgot
             factor: TimeFactor::ONE,
             language: None,
             population: Population::People,
-            is_preview: false,
         };
         links.push(app.store.start(&arrival, run).await.unwrap().link);
     }

@@ -16,6 +16,7 @@ mod loopback;
 mod public_url;
 mod record;
 mod routes;
+mod standing;
 
 use std::net::SocketAddr;
 
@@ -31,6 +32,7 @@ pub(super) use self::{
     cookie::{clear_session, session_token, set_session},
     loopback::cross_site,
     record::{Recorded, record},
+    standing::Standing,
 };
 pub use self::{
     caller::Caller,
@@ -73,6 +75,7 @@ impl<E: Into<Error>> From<E> for Refusal {
 }
 
 /// A request as the rules see it.
+#[derive(Clone)]
 struct Asked {
     route: &'static Route,
     /// The study in the path, if there is such a study.
@@ -92,9 +95,14 @@ impl Asked {
         self.route.path.starts_with("/api/")
     }
 
+    /// Whether the answer goes on until somebody leaves.
+    fn is_for_streams(&self) -> bool {
+        self.route.path.ends_with("/events")
+    }
+
     /// Whether a script asks and not a person, who would be shown a page.
     fn is_for_scripts(&self) -> bool {
-        self.is_api() || self.route.path.contains("/data/") || self.route.path.ends_with("/events")
+        self.is_api() || self.route.path.contains("/data/") || self.is_for_streams()
     }
 
     fn answer(&self, refusal: Refusal) -> Response {
@@ -179,6 +187,10 @@ pub(super) async fn guard(
         return asked.answer(refusal);
     }
     request.extensions_mut().insert(caller.clone());
+    if asked.is_for_streams() {
+        let standing = Standing::new(&guard, &asked, request.headers());
+        request.extensions_mut().insert(standing);
+    }
     let may_go_away = asked.is_get || asked.route.rule == Rule::Open;
     let handled = async move {
         let response = next.run(request).await;
@@ -217,7 +229,11 @@ impl Guard {
         let need = match asked.route.rule {
             Rule::Open => return Ok((Caller::Nobody, Ok(()))),
             Rule::Greets => {
-                let caller = self.session(headers).await?.unwrap_or(Caller::Nobody);
+                let caller = match self.session(headers).await? {
+                    Some(caller) => caller,
+                    None if self.is_let_without_accounts(headers).await? => Caller::Local,
+                    None => Caller::Nobody,
+                };
                 return Ok((caller, Ok(())));
             }
             Rule::SignedIn => None,
@@ -236,6 +252,14 @@ impl Guard {
         } else {
             self.admit_to_page(asked, need, headers).await
         }
+    }
+
+    /// Whether somebody who only visits may see results, because nobody has an account yet.
+    async fn is_let_without_accounts(&self, headers: &HeaderMap) -> Result<bool, Error> {
+        let is_let = self
+            .admit_without_accounts(Some(Need::Results), headers)
+            .is_ok();
+        Ok(is_let && !self.app.store.has_accounts().await?)
     }
 
     fn admit_without_accounts(

@@ -15,6 +15,7 @@ use super::{
         Error,
         access::{Caller, Recorded},
         assets,
+        error::sentence,
         results::rfc3339,
     },
     bar::{Bar, Who},
@@ -75,7 +76,7 @@ async fn page(
     let accounts = store.accounts().await?;
     Ok(PeoplePage {
         bar: Bar::of(store, caller).await?,
-        error,
+        error: error.as_deref().map(sentence),
         invited,
         accounts: accounts
             .into_iter()

@@ -16,7 +16,9 @@ use super::{
         Error, Settings,
         access::{self, Caller},
         assets,
+        error::sentence,
     },
+    DIFFERENT,
     bar::{Bar, Who},
     hashed, open_session,
 };
@@ -53,6 +55,8 @@ impl SetupPage {
 pub(super) struct NewcomerForm {
     name: String,
     password: String,
+    /// The same once more.
+    again: String,
 }
 
 /// GET `/setup/TOKEN`.
@@ -80,6 +84,9 @@ pub(super) async fn make(
         (Err(error), _) => return Ok(again(token, form.name, &error)),
         (_, Err(error)) => return Ok(again(token, form.name, &error)),
     };
+    if form.again != form.password {
+        return Ok(again(token, form.name, &DIFFERENT));
+    }
     let account = NewAccount {
         name: name.clone(),
         password: hashed(password, &chance).await?,
@@ -102,8 +109,8 @@ pub(super) async fn make(
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/account")).into_response())
 }
 
-fn again(token: Token, name: String, error: &dyn std::error::Error) -> Response {
-    let page = SetupPage::new(token, name, Some(error.to_string()));
+fn again(token: Token, name: String, error: &dyn std::fmt::Display) -> Response {
+    let page = SetupPage::new(token, name, Some(sentence(&error.to_string())));
     (StatusCode::UNPROCESSABLE_ENTITY, page).into_response()
 }
 

@@ -12,13 +12,14 @@ mod fits;
 mod page;
 mod participants;
 mod predict;
+mod sources;
 mod sweeps;
 mod version;
 
 use std::sync::Arc;
 
 use axum::{
-    Router,
+    Extension, Router,
     extract::State,
     response::{IntoResponse, Response},
     routing::get,
@@ -34,7 +35,9 @@ use self::{
     version::Asked,
 };
 use super::{
-    ApiError, AppState, Error, Settings, events,
+    ApiError, AppState, Error, Settings,
+    access::Standing,
+    events,
     results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
 };
 use crate::{
@@ -90,6 +93,7 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(accuracy))
         .routes(routes!(sweeps::share))
         .routes(routes!(sweeps::gap))
+        .routes(routes!(sources::sources))
         .routes(routes!(comparison))
         .routes(routes!(sequential))
         .routes(routes!(predict::predict))
@@ -360,18 +364,24 @@ async fn sequential(
 /// A slow reader skips versions. At most 256 streams are open at a time.
 #[utoipa::path(
     get, path = "/studies/{study}/events", tag = "events", params(StudyPath),
-    responses((status = 200, description = "Events named `version`, one for each version; the stream does not end by itself", content((events::VersionEvent = "text/event-stream")))),
+    responses((status = 200, description = "Events named `version`, one for each version; the stream ends when the token or the study's public switch no longer opens it", content((events::VersionEvent = "text/event-stream")))),
     security((), ("token" = ["results"])),
 )]
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
     State(stop): State<CancellationToken>,
+    Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
-    Ok(
-        events::stream(store, &catalogue, settings.population, study, stop)
-            .await?
-            .into_response(),
+    Ok(events::stream(
+        store,
+        &catalogue,
+        settings.population,
+        study,
+        standing,
+        stop,
     )
+    .await?
+    .into_response())
 }

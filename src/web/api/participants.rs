@@ -50,9 +50,9 @@ struct Participant {
     condition: Option<String>,
     /// The label of their link.
     source: Option<String>,
-    /// RFC 3339; null for withdrawn people.
+    /// RFC 3339; null for withdrawn people, and where an import did not tell.
     started_at: Option<String>,
-    /// RFC 3339; null while they are under way, and for withdrawn people.
+    /// RFC 3339; null while they are under way, for withdrawn people, and where an import did not tell.
     finished_at: Option<String>,
     /// Steps that were closed.
     answered: u64,

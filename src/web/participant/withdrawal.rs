@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     jobs::Catalogue,
-    store::{self, RunState, RunView, Store, Token},
+    store::{RunState, RunView, Store, Token},
     study::Words,
     web::Error,
 };
@@ -28,10 +28,7 @@ pub(super) async fn ask(
     headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
-        found => found?,
-    };
+    let run = store.run(&token).await?;
     match catalogue.version(run.version) {
         Some(study) => {
             let study = in_language(&study, run.language.as_deref());
@@ -45,7 +42,7 @@ pub(super) async fn ask(
 
 fn question(run: &RunView, token: Token, words: Words) -> Result<Response, Error> {
     let has_ended = match (run.is_owner, run.state) {
-        (false, _) => return Err(not_the_owner()),
+        (false, _) => return Err(Error::NotTheOwner),
         (true, RunState::Withdrawn) => return Ok(withdrawn(&words).into_response()),
         (true, RunState::Active) => false,
         (
@@ -89,19 +86,21 @@ fn words_without_study(run: &RunView, headers: &HeaderMap) -> Words {
 /// POST `/r/TOKEN/withdraw`: erases the run.
 pub(super) async fn withdraw(
     State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
     Path(token): Path<String>,
-    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
-        found => found?,
+    let run = store.run(&token).await?;
+    let answer = if run.is_owner {
+        let withdrawn = store.withdraw(&token).await.map_err(Error::from);
+        withdrawn.map(|_| Redirect::to(&format!("/r/{token}")))
+    } else {
+        Err(Error::NotTheOwner)
     };
-    if !run.is_owner {
-        return Err(not_the_owner());
+    match catalogue.version(run.version) {
+        Some(study) => Ok(framed(in_language(&study, run.language.as_deref()), answer)),
+        None => answer.map(IntoResponse::into_response),
     }
-    store.withdraw(&token).await?;
-    Ok(Redirect::to(&format!("/r/{token}")).into_response())
 }
 
 /// What is left to show of an erased run.
@@ -111,20 +110,4 @@ pub(super) fn withdrawn(words: &Words) -> NotePage {
         title: words.withdrawn_title.clone(),
         text_html: Words::to_html(&words.withdrawn_text),
     }
-}
-
-/// What an unknown link is told, because it may have been a good one once. Which study it was of nobody knows any more.
-pub(super) fn gone(headers: &HeaderMap) -> Response {
-    let liked = language::liked(headers);
-    let words = Words::of_languages(liked.iter().map(String::as_str));
-    let page = NotePage {
-        text_html: Words::to_html(&words.gone_text),
-        title: words.gone_title,
-        language: words.language,
-    };
-    (StatusCode::NOT_FOUND, page).into_response()
-}
-
-fn not_the_owner() -> Error {
-    Error::Forbidden("withdrawing needs the link with which this study was started".to_owned())
 }
