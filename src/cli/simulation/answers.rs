@@ -4,15 +4,13 @@ use crate::{
     inference::sampler::random_stream,
     model::{ChoiceError, Parameters, RiskAwareOptions},
     store::{
-        AnswerKey, AnswerRow, AnswerStatus, Population, RunId, RunState, VersionId, drawn_step,
+        AnswerKey, AnswerRow, AnswerStatus, Population, RunId, RunState, VersionId, VersionNumber,
+        drawn_step,
     },
-    study::{Condition, Step, StepError, Study, Timestamp},
+    study::{Condition, Step, StepError, Study},
 };
 
 use super::choice::choice;
-
-/// How long a simulated person takes for each step; their clock begins in 1970.
-const STEP_MS: i64 = 1_000;
 
 /// People who follow a model with the same parameters.
 #[derive(Debug, Clone)]
@@ -42,7 +40,7 @@ pub enum SimulatedAnswersError {
 
 impl SimulatedGroup<'_> {
     /// All answers of one person to the study's choice questions, practice included, in the order in which this person
-    /// meets them. Everything is answered, and in time.
+    /// meets them. Everything is answered, and in time; they have no clock.
     ///
     /// A pure function of the group and the number, which is also the person's number in the export. Conditions take
     /// turns.
@@ -76,6 +74,7 @@ impl SimulatedGroup<'_> {
                     position,
                 },
                 version: VersionId::from(1),
+                version_number: VersionNumber::from(1),
                 run_state: RunState::Completed,
                 block: drawn.plan.block,
                 question: drawn.plan.question,
@@ -86,7 +85,7 @@ impl SimulatedGroup<'_> {
                 is_fitted: drawn.is_fitted,
                 is_practice: drawn.is_practice,
                 shown_at: None,
-                answered_at: Timestamp(i64::from(position + 1) * STEP_MS),
+                answered_at: None,
                 server_ms: None,
                 client_rt_ms: None,
                 limit_ms: drawn.plan.limit_ms,
