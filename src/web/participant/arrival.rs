@@ -159,10 +159,8 @@ async fn landed(
 
 /// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
 pub(super) async fn start(
-    State(store): State<Store>,
-    State(catalogue): State<Arc<Catalogue>>,
-    State(chance): State<Chance>,
-    State(settings): State<Arc<Settings>>,
+    (State(store), State(catalogue)): (State<Store>, State<Arc<Catalogue>>),
+    (State(chance), State(settings)): (State<Chance>, State<Arc<Settings>>),
     Path((study, token)): Path<(StudyId, String)>,
     Query(query): Query<BTreeMap<String, String>>,
     headers: HeaderMap,

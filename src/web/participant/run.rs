@@ -14,7 +14,7 @@ use serde::Serialize;
 use super::{
     Looking,
     arrival::{in_language, read_token},
-    framed,
+    framed, language,
     pages::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
         ReplaysPage, RunLink, scene,
@@ -45,7 +45,17 @@ pub(super) async fn current(
         tracing::error!(version = %run.version, "a run cannot be shown: the stored text of its study is not readable any more");
         return Ok(unreadable(&run, token, &headers));
     };
-    let study = in_language(&study, run.language.as_deref());
+    // Of whoever withdrew no language is kept.
+    let language = match run.state {
+        RunState::Withdrawn => language::choose(study.languages(), None, &headers),
+        RunState::Active
+        | RunState::Completed
+        | RunState::Declined
+        | RunState::ScreenedOut
+        | RunState::FailedCheck
+        | RunState::TimedOut => run.language.clone(),
+    };
+    let study = in_language(&study, language.as_deref());
     let page = pages.page(&token, &run, study, Rejected::default()).await;
     Ok(framed(study, page))
 }
