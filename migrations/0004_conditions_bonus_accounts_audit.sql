@@ -105,6 +105,8 @@ create index run_place on run (study_id, is_simulated, condition)
 create table withdrawn_person (
     study_id text not null references study (id),
     platform_key text not null,
+    -- Under which they took part: its retention date is the one that they agreed to.
+    version_id integer not null references study_version (id),
     primary key (study_id, platform_key)
 ) strict, without rowid;
 
@@ -281,3 +283,105 @@ end;
 
 -- The program that drew and judged a run. Unknown of runs before this schema, and of answers that were given elsewhere.
 alter table run add column program_version text;
+
+-- A question under another time limit is another problem: its hash ends with a colon and the limit in milliseconds. What
+-- earlier programs stored under one hash is told apart by the limits of the steps that asked it.
+create temporary table asked_under as
+select
+    problem_id, ifnull(limit_ms, 0) as limit_ms,
+    row_number() over (partition by problem_id order by ifnull(limit_ms, 0)) as number
+from step
+where problem_id is not null
+group by problem_id, ifnull(limit_ms, 0);
+
+insert into problem (study_id, cell, hash, prospects)
+select problem.study_id, problem.cell, problem.hash || ':' || asked_under.limit_ms, problem.prospects
+from asked_under
+join problem on problem.id = asked_under.problem_id
+where asked_under.number > 1;
+
+update step
+set problem_id = (
+    select own.id
+    from problem as pooled
+    join problem as own
+        on own.study_id = pooled.study_id
+        and own.cell = pooled.cell
+        and own.hash = pooled.hash || ':' || step.limit_ms
+    where pooled.id = step.problem_id
+)
+where (problem_id, limit_ms) in (select problem_id, limit_ms from asked_under where number > 1);
+
+delete from counter
+where problem_id in (select problem_id from asked_under where number > 1);
+
+update answer
+set problem_id = (
+    select step.problem_id
+    from step
+    where step.run_id = answer.run_id and step.position = answer.position
+)
+where problem_id in (select problem_id from asked_under where number > 1);
+
+insert into counter (study_id, is_simulated, problem_id, status, action, n_all, n_completed)
+select
+    run.study_id, run.is_simulated, answer.problem_id, answer.status, ifnull(answer.action, ''), count(*),
+    sum(run.state = 'completed')
+from answer
+join run on run.id = answer.run_id
+where answer.is_counted = 1
+and answer.problem_id in (
+    select step.problem_id
+    from step
+    join problem on problem.id = step.problem_id
+    where problem.hash like '%:%'
+    union
+    select problem_id
+    from asked_under
+    where number > 1
+)
+group by 1, 2, 3, 4, 5;
+
+update problem
+set hash = hash || ':' || asked_under.limit_ms
+from asked_under
+where asked_under.problem_id = problem.id
+and asked_under.number = 1
+and asked_under.limit_ms > 0;
+
+drop table asked_under;
+
+-- Whether a text came with the program and no file of the lab's ever had it: only such a one is replaced when a program brings
+-- another text. Earlier programs did not note it; their texts are known by their hashes.
+alter table study_version add column is_built_in integer not null default 0 check (is_built_in in (0, 1));
+update study_version
+set is_built_in = 1
+where hash in (
+    -- driving
+    'b56952dfc65950b49f09cff16224cd3a83fd138d1ffa744553b01946eb4b4bdd',
+    'b1960f9c4e3ab3d8be7c00ebfb0a77e43485cd086413c4b58bcc96de80536541',
+    'fcb33d5740d91ef01b6a68725639669612c7d27b8e8c8a1b5b7240bc7fa9e100',
+    '10bb7197be515615a49a67b487999ad310053ca0794ec5d43c6bc0b6b38089c0',
+    '7380e9b3afee92b5eed37dc6a276fc9428a48ecd8c87b0c115800c7ee7acc9fd',
+    '6737d43659d183b7c70ce74fdc6e14a850128913592bbd5226ba4bcd8b37ff18',
+    'd6355ec490b211f6dddf7089c514b2fd8238d3d1cfc186419fb21ec75a79c231',
+    '212db9c302a5d1802c6ba2022801f7fdfed976b7885a9d85a01ebddda946c1bc',
+    -- cups
+    '7f6737768b680c78c59d57dedeceb8d69ff1a7847a1218e288554258ddac2a3f',
+    'a018d9a92a1b146098b3edd1c2d6a84801bb1ad994944b0b89efdbc13ca504bb',
+    '5c82f13ea0cf14f145b2f0c7607bc0fc4373906fdd869f9907cd96eeb8df36d7',
+    '46a3a25c33444ad7b7948d6bc63e5f067d30956f4fe18e3b27e094b36c092e9f'
+);
+
+-- Withdrawals under earlier schemas left more than they do now: whatever could tell who it was by a clock goes.
+update run
+set
+    source = null, time_factor = 1, started_at_ms = started_at_ms - started_at_ms % 86400000,
+    finished_at_ms = finished_at_ms - finished_at_ms % 86400000
+where state = 'withdrawn';
+update arrival
+set source = null, created_at_ms = created_at_ms - created_at_ms % 86400000
+where run_id in (select id from run where state = 'withdrawn');
+update event
+set at_ms = at_ms - at_ms % 86400000
+where kind = 'erased';

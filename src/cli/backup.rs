@@ -56,7 +56,26 @@ pub async fn back_up(arguments: BackupArguments) -> anyhow::Result<()> {
 /// When the copy is missing or unsound, or there is a database already.
 pub async fn restore(arguments: RestoreArguments) -> anyhow::Result<()> {
     let RestoreArguments { file, database } = arguments;
-    store::restore(&file, &database).await?;
+    let restored = store::restore(&file, &database).await?;
     println!("{} is restored from {}", database.display(), file.display());
+    let Some(last_event) = restored.last_event else {
+        println!("nobody had taken part when that copy was made");
+        return Ok(());
+    };
+    let moment = jiff::Timestamp::from_millisecond(last_event.0)?;
+    println!("the last thing that happened in it was at {moment:.0}");
+    println!(
+        "who withdrew after that, or was erased, is in it again: erase them again, on /studies/STUDY/participants"
+    );
+    println!(
+        "everybody has to log in again; passwords, disabled accounts and tokens are as they were then"
+    );
+    if restored.tokens > 0 {
+        println!(
+            "{} API tokens are not revoked in it: look through them with `riskaware token list --database {}`",
+            restored.tokens,
+            database.display()
+        );
+    }
     Ok(())
 }

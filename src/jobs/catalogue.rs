@@ -31,6 +31,15 @@ struct Served {
     versions: HashMap<VersionId, Arc<Study>>,
 }
 
+/// Where the text of a study stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// In the program.
+    Program,
+    /// In a file of the lab's.
+    File,
+}
+
 /// Why the studies cannot be served.
 #[derive(Debug, thiserror::Error)]
 pub enum CatalogueError {
@@ -66,20 +75,46 @@ impl Catalogue {
     }
 
     /// The same for studies that were read already. Those in `left_alone` are served as they are stored, because their
-    /// files cannot be read. Those in `unwanted` that have no file are served only if somebody has begun them.
+    /// files cannot be read. So is one that is stored as a file of the lab's described it, and that only the program
+    /// describes now: people may be taking it, and a missing file is no reason to ask them something else. Those in `unwanted` that have no file
+    /// are served only if somebody has begun them.
     pub(super) async fn publish_but(
         store: &Store,
-        studies: Vec<Study>,
+        studies: Vec<(Origin, Study)>,
         left_alone: &[StudyId],
         unwanted: &[StudyId],
     ) -> Result<Self, CatalogueError> {
         let mut served = Served::default();
         let stored = store.studies().await?;
-        for study in studies {
-            if left_alone.contains(study.id()) && stored.iter().any(|row| row.id == *study.id()) {
+        for (origin, study) in studies {
+            let row = stored.iter().find(|row| row.id == *study.id());
+            if left_alone.contains(study.id()) && row.is_some() {
                 continue;
             }
-            let version = publish(store, &study).await?;
+            let version = match (origin, row) {
+                (Origin::Program, Some(row)) if is_of_the_lab(store, row, &study).await? => {
+                    tracing::warn!(
+                        study = %study.id(),
+                        "the file with which this study was last served is gone; it is served as it was stored, not as the built-in study of the same id"
+                    );
+                    continue;
+                }
+                (Origin::Program, Some(_) | None) => {
+                    let state = state_if_new(&study);
+                    let rule = study.exclusion_rule();
+                    store
+                        .publish_built_in(
+                            study.id(),
+                            study.hash(),
+                            study.text(),
+                            state,
+                            rule.as_ref(),
+                        )
+                        .await?
+                }
+                (Origin::File, _) => publish(store, &study).await?,
+            };
+            set_ends(store, &study).await?;
             served.add_earlier(store, &study, version).await?;
             served.add(version, Arc::new(study));
         }
@@ -124,6 +159,8 @@ impl Catalogue {
     /// When the database fails.
     pub async fn renew(&self, store: &Store, study: Study) -> Result<VersionId, store::Error> {
         let version = publish(store, &study).await?;
+        // Before anybody is taken in by it.
+        set_ends(store, &study).await?;
         let study = Arc::new(study);
         {
             let mut served = self.served.write().unwrap_or_else(PoisonError::into_inner);
@@ -290,6 +327,28 @@ async fn publish(store: &Store, study: &Study) -> Result<VersionId, store::Error
         .await
 }
 
+/// Whether the current version of a study is another text than the program's, and was never one of the program's own.
+async fn is_of_the_lab(
+    store: &Store,
+    row: &StudyRow,
+    built_in: &Study,
+) -> Result<bool, store::Error> {
+    let current = store.study_version(row.version).await?;
+    Ok(!current.is_built_in && current.hash != built_in.hash())
+}
+
+/// Where unfinished runs give their places back, those do too that began under a version without an end.
+async fn set_ends(store: &Store, study: &Study) -> Result<(), store::Error> {
+    let Some(time_limit_ms) = study.recruiting().time_limit_ms else {
+        return Ok(());
+    };
+    let runs = store.set_ends(study.id(), time_limit_ms).await?;
+    if runs > 0 {
+        tracing::info!(study = %study.id(), runs, "runs under way that had no end got one, since the study limits the time of a run now");
+    }
+    Ok(())
+}
+
 /// A study whose file does not say that it is open is a draft until somebody opens it.
 fn state_if_new(study: &Study) -> StudyState {
     if study.is_open_at_first() {
@@ -308,7 +367,7 @@ pub(super) fn built_in_ids() -> Result<Vec<StudyId>, ParseError> {
 }
 
 /// Reads study files in their order. A file may replace a built-in study, but no other file.
-fn parse(files: Vec<(String, String)>) -> Result<Vec<Study>, CatalogueError> {
+fn parse(files: Vec<(String, String)>) -> Result<Vec<(Origin, Study)>, CatalogueError> {
     let mut read: Vec<(String, Study)> = Vec::new();
     for (file, text) in files {
         let study = Study::parse(&file, &text)?;
@@ -329,5 +388,15 @@ fn parse(files: Vec<(String, String)>) -> Result<Vec<Study>, CatalogueError> {
         tracing::info!(study = %study.id(), file, "this file replaces the built-in study");
         (*earlier_file, *earlier) = (file, study);
     }
-    Ok(read.into_iter().map(|(_, study)| study).collect())
+    let origin = |file: &str, study: &Study| {
+        if built_in().contains(&(file, study.text())) {
+            Origin::Program
+        } else {
+            Origin::File
+        }
+    };
+    Ok(read
+        .into_iter()
+        .map(|(file, study)| (origin(&file, &study), study))
+        .collect())
 }

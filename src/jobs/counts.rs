@@ -44,7 +44,7 @@ impl StudyCounts {
             .map(|cell| {
                 let actions: Vec<&ActionId> =
                     cell.actions.iter().map(|action| &action.id).collect();
-                let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+                let asked = AskedProblem::of(cell);
                 count(analysis_set(study), &asked, &actions, stored)
             })
             .collect();
@@ -54,7 +54,7 @@ impl StudyCounts {
             .map(|question| {
                 let name = format!("{}:{}", question.block, question.question);
                 let actions: Vec<ActionId> = question.problem.names().map(ActionId::from).collect();
-                let asked = AskedProblem::new(name, Some(&question.problem));
+                let asked = AskedProblem::new(name, Some(&question.problem), question.limit_ms);
                 count(
                     analysis_set(study),
                     &asked,
@@ -106,4 +106,48 @@ fn count(
         }
     }
     counts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::ProblemId;
+
+    const TWO_LIMITS: &str = include_str!("../../studies/driving.toml");
+
+    /// One answer to each cell, as it was put before people by `study`.
+    fn one_answer_each(study: &Study) -> Vec<CellCount> {
+        let cells = study.cells().iter().zip(1..);
+        cells
+            .map(|(cell, id)| {
+                let asked = AskedProblem::of(cell);
+                CellCount {
+                    problem: ProblemId::from(id),
+                    cell: asked.cell,
+                    hash: asked.hash,
+                    status: AnswerStatus::Answered,
+                    action: cell.actions.first().map(|action| action.id.clone()),
+                    n_all: 1,
+                    n_completed: 1,
+                    n_before_exclusions: 1,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn answers_under_another_time_limit_are_no_answers_to_this_question() {
+        let before = Study::parse("driving.toml", TWO_LIMITS).unwrap();
+        let shorter = TWO_LIMITS.replace("limit_s = 8", "limit_s = 4");
+        let after = Study::parse("driving.toml", &shorter).unwrap();
+        let stored = one_answer_each(&before);
+        let same = StudyCounts::new(&before, &stored);
+        assert!(same.cells.iter().all(|cell| cell.n() == 1));
+        let changed = StudyCounts::new(&after, &stored);
+        for (cell, counts) in after.cells().iter().zip(&changed.cells) {
+            let expected = u64::from(cell.limit_ms.is_none());
+            assert_eq!(counts.n(), expected, "{}", cell.id);
+        }
+        assert!(changed.cells.iter().any(|cell| cell.n() == 0));
+    }
 }

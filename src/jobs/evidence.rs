@@ -19,7 +19,10 @@ use super::{
 };
 use crate::{
     inference::{FitError, sequential::Look},
-    store::{self, Change, Checkpoint, NewCheckpoints, NewComparison, Population, Reached, Store},
+    store::{
+        self, Change, Checkpoint, NewCheckpoints, NewComparison, Population, Reached, Store,
+        VersionId,
+    },
     study::{PlanId, StudyId},
 };
 
@@ -89,11 +92,12 @@ struct Evidence {
     stop: CancellationToken,
     lane: Lane,
     changes: broadcast::Receiver<Change>,
-    /// How many people had finished and withdrawn, and when one was last left out by hand, when the looks of a study were
-    /// last complete.
-    looked: HashMap<StudyId, (u64, u64, i64)>,
-    /// The data version at which the comparison of a plan was last found to be of the answers that there were.
-    compared: HashMap<(StudyId, PlanId), i64>,
+    /// Under which version of its file, how many people had finished and withdrawn, and when one was last left out by hand,
+    /// when the looks of a study were last complete.
+    looked: HashMap<StudyId, (VersionId, u64, u64, i64)>,
+    /// The version of its study's file and the data version at which the comparison of a plan was last found to be of the
+    /// answers that there were.
+    compared: HashMap<(StudyId, PlanId), (VersionId, i64)>,
 }
 
 impl Evidence {
@@ -102,10 +106,16 @@ impl Evidence {
         let catalogue = self.catalogue.clone();
         for study in catalogue.studies() {
             let read = Snapshot::read(&self.store, &catalogue, self.population, study.id());
-            let Some(snapshot) = read.await? else {
+            let Some((snapshot, (version, current))) =
+                read.await?.zip(catalogue.current(study.id()))
+            else {
                 continue;
             };
-            if self.look(&snapshot).await? || self.compare(&snapshot).await? {
+            // A version that came in between: the next turn reads it.
+            if current.hash() != snapshot.study.hash() {
+                return Ok(true);
+            }
+            if self.look(&snapshot, version).await? || self.compare(&snapshot, version).await? {
                 return Ok(true);
             }
         }
@@ -113,20 +123,26 @@ impl Evidence {
     }
 
     /// Makes the looks of a study that are due, in their order.
-    async fn look(&mut self, snapshot: &Snapshot) -> Result<bool, store::Error> {
+    async fn look(
+        &mut self,
+        snapshot: &Snapshot,
+        version: VersionId,
+    ) -> Result<bool, store::Error> {
         let id = snapshot.study.id();
         let people = &snapshot.people;
-        let people = (
-            people.analysed(),
+        let analysed = people.analysed();
+        let looked_at = (
+            version,
+            analysed,
             people.withdrawn,
             people.exclusion_version,
         );
-        if self.looked.get(id) == Some(&people) {
+        if self.looked.get(id) == Some(&looked_at) {
             return Ok(false);
         }
-        let Some(looks) = Looks::new(&snapshot.study).filter(|looks| looks.count(people.0) > 0)
+        let Some(looks) = Looks::new(&snapshot.study).filter(|looks| looks.count(analysed) > 0)
         else {
-            self.looked.insert(id.clone(), people);
+            self.looked.insert(id.clone(), looked_at);
             return Ok(false);
         };
         let sequential = snapshot.study.sequential();
@@ -152,8 +168,8 @@ impl Evidence {
                 sequential.check_every,
             )
             .await?;
-        let wanted = looks.wanted(people.0, is_reached);
-        let shown = looks.wanted(people.0, true);
+        let wanted = looks.wanted(analysed, is_reached);
+        let shown = looks.wanted(analysed, true);
         let mut new = NewCheckpoints {
             study: id.clone(),
             population: self.population,
@@ -244,7 +260,7 @@ impl Evidence {
         if !new.checkpoints.is_empty() {
             self.save(&mut new).await?;
         }
-        self.looked.insert(id.clone(), people);
+        self.looked.insert(id.clone(), looked_at);
         Ok(true)
     }
 
@@ -276,7 +292,11 @@ impl Evidence {
     }
 
     /// Compares the models on one plan of a study, if all its fits are final.
-    async fn compare(&mut self, snapshot: &Snapshot) -> Result<bool, store::Error> {
+    async fn compare(
+        &mut self,
+        snapshot: &Snapshot,
+        version: VersionId,
+    ) -> Result<bool, store::Error> {
         if !snapshot.is_final() {
             return Ok(false);
         }
@@ -286,15 +306,13 @@ impl Evidence {
         // The plan with the fewest parts tells most, and is compared soonest.
         plans.sort_by_key(|plan| plan.parts.len());
         plans.retain(|plan| {
-            self.compared.get(&(id.clone(), plan.id.clone())) != Some(&data_version)
+            let place = (id.clone(), plan.id.clone());
+            self.compared.get(&place) != Some(&(version, data_version))
         });
         let Some(plan) = plans.first() else {
             return Ok(false);
         };
         let place = (id.clone(), plan.id.clone());
-        let Some((version, _)) = self.catalogue.current(id) else {
-            return Ok(false);
-        };
         let counts = self.store.cell_counts(id, self.population).await?;
         let asked = AskedCells::new(&snapshot.study, &counts);
         let patterns = self
@@ -306,7 +324,7 @@ impl Evidence {
             let stored = snapshot.comparison(&plan.id);
             stored.is_none_or(|stored| stored.input_hash != input.hash)
         }) else {
-            self.compared.insert(place, data_version);
+            self.compared.insert(place, (version, data_version));
             return Ok(true);
         };
         let known = known_fits(&self.store, snapshot, plan).await?;
@@ -351,7 +369,7 @@ impl Evidence {
             tracing::error!(study = %id, plan = %plan.id, message, "a comparison failed");
         }
         self.store.save_comparison(new).await?;
-        self.compared.insert(place, data_version);
+        self.compared.insert(place, (version, data_version));
         Ok(true)
     }
 

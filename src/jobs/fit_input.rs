@@ -28,6 +28,8 @@ pub(super) struct FitInput {
     /// The part's text on pages.
     pub(super) label: String,
     pub(super) cells: Vec<CellId>,
+    /// The time limits of the cells, in their order: under another one people answer another question.
+    pub(super) limits: Vec<Option<u64>>,
     pub(super) model: &'static ChoiceModel,
     pub(super) data: ChoiceData,
     pub(super) settings: FitSettings,
@@ -43,8 +45,14 @@ struct Canonical<'a> {
     part: &'a PartId,
     model: &'a str,
     problems: OrderedMap<ChoiceProblem>,
+    #[serde(skip_serializing_if = "is_without_limits")]
+    limits: &'a [Option<u64>],
     counts: &'a [Vec<u64>],
     settings: &'a FitSettings,
+}
+
+fn is_without_limits(limits: &&[Option<u64>]) -> bool {
+    limits.iter().all(Option::is_none)
 }
 
 impl FitInput {
@@ -83,13 +91,13 @@ impl FitInput {
             .cells
             .iter()
             .map(|&index| (&study.cells()[index], &counts.cells[index]));
-        let (problems, counts): (Vec<_>, Vec<_>) = cells
+        let ((problems, limits), counts): ((Vec<_>, Vec<_>), Vec<_>) = cells
             .filter_map(|(cell, counts)| {
                 let problem = FittedProblem {
                     id: cell.id.to_string(),
                     problem: cell.problem.clone()?,
                 };
-                Some((problem, counts.actions.clone()))
+                Some(((problem, cell.limit_ms), counts.actions.clone()))
             })
             .unzip();
         let cells = problems
@@ -102,6 +110,7 @@ impl FitInput {
             part: part.id.clone(),
             label: part.label.clone(),
             cells,
+            limits,
             model,
             data,
             settings: fit_settings(study, seed(study.id(), plan, &part.id, model)),
@@ -165,6 +174,7 @@ impl FitInput {
             part: &self.part,
             model: self.model.id,
             problems: self.problems(),
+            limits: &self.limits,
             counts,
             settings,
         };

@@ -20,6 +20,9 @@ use crate::{
 pub struct FitReport {
     /// The problems by cell.
     pub problems: OrderedMap<ChoiceProblem>,
+    /// Their time limits in milliseconds; nothing in a fit that was stored before they were noted.
+    #[serde(default)]
+    pub limits: Vec<Option<u64>>,
     /// How often each action of each problem was chosen.
     pub counts: Vec<Vec<u64>>,
     /// Parameters, predictions and diagnostics.
@@ -42,6 +45,7 @@ impl FitReport {
         let earlier_curves = earlier.and_then(|earlier| earlier.curves.as_ref());
         Self {
             problems: input.problems(),
+            limits: input.limits.clone(),
             counts: input.data.totals().to_vec(),
             summary: fit.summary.shown(),
             accuracy: if is_converged {

@@ -22,6 +22,8 @@ pub(super) struct LiveFits {
 /// A fit that this server made.
 #[derive(Debug)]
 pub(super) struct LiveFit {
+    /// At least as new as this were the answers that it was made of.
+    pub(super) data_version: i64,
     pub(super) input_hash: String,
     pub(super) is_provisional: bool,
     pub(super) report: Arc<FitReport>,
@@ -36,6 +38,19 @@ impl LiveFits {
     pub(super) fn keep(&self, study: &StudyId, population: Population, key: FitKey, fit: LiveFit) {
         let at = (study.clone(), population, key);
         self.fits().insert(at, Arc::new(fit));
+    }
+
+    /// Forgets the fits of a study that were made before somebody who was counted withdrew: nothing that follows may start
+    /// from what was drawn with them.
+    pub(super) fn forget_before(
+        &self,
+        study: &StudyId,
+        population: Population,
+        erased_version: i64,
+    ) {
+        self.fits().retain(|(of, people, _), fit| {
+            of != study || *people != population || fit.data_version >= erased_version
+        });
     }
 
     /// The latest fit of a part and model.

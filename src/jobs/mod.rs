@@ -80,7 +80,7 @@ pub fn start(
         population,
         stop.clone(),
     ));
-    let closing = tokio::spawn(closing::run(store.clone(), catalogue.clone(), stop.clone()));
+    let closing = tokio::spawn(closing::run(store.clone(), stop.clone()));
     async move {
         for (task, ended) in [
             ("refits", refits.await),

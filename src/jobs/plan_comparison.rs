@@ -137,7 +137,7 @@ impl AskedCells {
         let mut places = HashMap::new();
         let mut fitted = Vec::new();
         for (place, cell) in study.cells().iter().enumerate() {
-            let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+            let asked = AskedProblem::of(cell);
             let rows = stored
                 .iter()
                 .filter(|row| row.cell == asked.cell && row.hash == asked.hash);

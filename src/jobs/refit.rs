@@ -184,6 +184,11 @@ impl Refits {
             let Some((snapshot, (version, _))) = read.zip(self.catalogue.current(id)) else {
                 continue;
             };
+            self.catalogue.live_fits.forget_before(
+                id,
+                self.population,
+                snapshot.people.erased_version,
+            );
             self.quiet.note(id, snapshot.version.data_version, now);
             self.cold.cancel_if_needless(&snapshot);
             let round = |dues, turn| Round {
@@ -396,6 +401,7 @@ impl Round {
                     // Those of a provisional fit are kept in memory: they would be most of what is written.
                     new.draws = (!new.is_provisional).then(|| blob(&fitted.fit.draws));
                     let live = LiveFit {
+                        data_version: self.data_version,
                         input_hash: new.input_hash.clone(),
                         is_provisional: new.is_provisional,
                         report: Arc::new(fitted.report),

@@ -407,7 +407,9 @@ impl PartFit {
         // A fit of other problems (the study file was changed) says nothing about the ones asked now.
         let known = known.filter(|known| {
             let report = known.report.as_ref();
-            report.is_none_or(|report| report.problems == input.problems())
+            report.is_none_or(|report| {
+                report.problems == input.problems() && report.limits == input.limits
+            })
         });
         let (fit, report, draws) = match known {
             Some(KnownFit { fit, report, draws }) => (Some(fit), report, draws),

@@ -149,7 +149,7 @@ fn choices_in(inputs: &[FitInput]) -> u64 {
 /// What people from one source chose, in the study's own order.
 fn study_counts(study: &Study, counts: &[&SourceCount]) -> StudyCounts {
     let cells = study.cells().iter().map(|cell| {
-        let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+        let asked = AskedProblem::of(cell);
         let chosen = |action| -> u64 {
             counts
                 .iter()

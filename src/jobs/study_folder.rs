@@ -14,7 +14,10 @@ use std::{
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use super::{Catalogue, CatalogueError, catalogue::built_in_ids};
+use super::{
+    Catalogue, CatalogueError,
+    catalogue::{Origin, built_in_ids},
+};
 use crate::{
     store::{self, Store},
     study::{Study, StudyId, built_in},
@@ -32,6 +35,8 @@ pub struct StudyFolder {
     path: PathBuf,
     has_built_in: bool,
     known: HashMap<PathBuf, Known>,
+    /// How changed files looked at the last look. What still changes is being written.
+    seen: HashMap<PathBuf, (Option<SystemTime>, u64)>,
     /// Whether something was served since refused files were read last, which may be what they waited for.
     reads_refused: bool,
 }
@@ -79,6 +84,7 @@ impl StudyFolder {
             path: path.to_owned(),
             has_built_in: true,
             known: HashMap::new(),
+            seen: HashMap::new(),
             reads_refused: false,
         }
     }
@@ -101,7 +107,8 @@ impl StudyFolder {
         let mut studies = Vec::new();
         if self.has_built_in {
             for (name, text) in built_in() {
-                studies.push(Study::parse(name, text).map_err(CatalogueError::from)?);
+                let study = Study::parse(name, text).map_err(CatalogueError::from)?;
+                studies.push((Origin::Program, study));
             }
         }
         let (mut errors, mut left_alone, mut given) = (Vec::new(), Vec::new(), Vec::new());
@@ -111,10 +118,8 @@ impl StudyFolder {
                 Ok(Some(study)) => {
                     self.note(&path, Outcome::Served);
                     given.push(study.id().clone());
-                    match studies.iter_mut().find(|known| known.id() == study.id()) {
-                        Some(known) => *known = study,
-                        None => studies.push(study),
-                    }
+                    studies.retain(|(_, known)| known.id() != study.id());
+                    studies.push((Origin::File, study));
                 }
                 Ok(None) => {}
                 Err(error) => {
@@ -158,7 +163,7 @@ impl StudyFolder {
         }
     }
 
-    /// Publishes what changed since the last look.
+    /// Publishes what changed, and looks as it did at the last look: a file that is being written may be half there.
     ///
     /// # Errors
     /// When the folder cannot be listed.
@@ -174,6 +179,9 @@ impl StudyFolder {
         }
         for changed in files {
             let path = changed.path.clone();
+            if !self.is_settled(&changed) {
+                continue;
+            }
             match self.read(changed) {
                 Ok(None) => catalogue.note_file(&path.display().to_string(), None),
                 Ok(Some(study)) => match renew(store, catalogue, prepare, &path, study).await {
@@ -192,6 +200,14 @@ impl StudyFolder {
             }
         }
         Ok(())
+    }
+
+    /// Whether a file looks as it did at the last look.
+    fn is_settled(&mut self, changed: &Changed) -> bool {
+        let looks = (changed.modified, changed.length);
+        let before = self.seen.insert(changed.path.clone(), looks);
+        let read = self.known.get(&changed.path);
+        before == Some(looks) || read.is_some_and(|read| (read.modified, read.length) == looks)
     }
 
     fn note(&mut self, path: &Path, outcome: Outcome) {

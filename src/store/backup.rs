@@ -12,6 +12,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::disk::{Lock, create_private, with_suffix};
 use super::open::{self, Schema};
 use super::{OpenError, Store};
+use crate::study::Timestamp;
 
 /// Why a copy was not made.
 #[derive(Debug, thiserror::Error)]
@@ -63,11 +64,23 @@ pub async fn back_up(database: &Path, copy: &Path) -> Result<(), CopyError> {
     written
 }
 
-/// Copies a backup to where a server is to find it, after checking it.
+/// What is to be known of a backup that was restored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Restored {
+    /// When the last thing happened that stands in it; none if nobody ever took part.
+    pub last_event: Option<Timestamp>,
+    /// How many sessions it held. They are gone: some of them may have been ended since.
+    pub sessions: u64,
+    /// How many API tokens it holds that are not revoked in it.
+    pub tokens: u64,
+}
+
+/// Copies a backup to where a server is to find it, after checking it. Nobody is logged in there. Who withdrew after the
+/// backup was made is in it again, and tokens that were revoked since are good again.
 ///
 /// # Errors
 /// When the backup is missing or unsound, when there is a database at the target or a server holds it.
-pub async fn restore(backup: &Path, database: &Path) -> Result<(), CopyError> {
+pub async fn restore(backup: &Path, database: &Path) -> Result<Restored, CopyError> {
     if !backup.exists() {
         return Err(CopyError::Missing(backup.to_owned()));
     }
@@ -90,7 +103,11 @@ pub async fn restore(backup: &Path, database: &Path) -> Result<(), CopyError> {
     require_free(database)?;
     let written = copy_to(&mut connection, backup, database).await;
     connection.close().await.map_err(open::at(backup))?;
-    written
+    written?;
+    let mut connection = open::writing_connection(database).await?;
+    let restored = log_out(&mut connection).await.map_err(open::at(database))?;
+    connection.close().await.map_err(open::at(database))?;
+    Ok(restored)
 }
 
 fn require_free(database: &Path) -> Result<(), CopyError> {
@@ -105,6 +122,36 @@ fn require_free(database: &Path) -> Result<(), CopyError> {
         }
     }
     Ok(())
+}
+
+/// Ends all sessions of a restored database, and says what it holds.
+async fn log_out(connection: &mut SqliteConnection) -> Result<Restored, sqlx::Error> {
+    let last_event: Option<i64> = sqlx::query_scalar("select max(at_ms) from event")
+        .fetch_one(&mut *connection)
+        .await?;
+    // Earlier schemas have no accounts.
+    let has_accounts: bool = sqlx::query_scalar(
+        "select exists (select 1 from sqlite_schema where type = 'table' and name = 'session')",
+    )
+    .fetch_one(&mut *connection)
+    .await?;
+    let (mut sessions, mut tokens) = (0, 0);
+    if has_accounts {
+        sessions = sqlx::query("delete from session")
+            .execute(&mut *connection)
+            .await?
+            .rows_affected();
+        let valid: i64 =
+            sqlx::query_scalar("select count(*) from api_token where revoked_at_ms is null")
+                .fetch_one(&mut *connection)
+                .await?;
+        tokens = u64::try_from(valid).unwrap_or(0);
+    }
+    Ok(Restored {
+        last_event: last_event.map(Timestamp),
+        sessions,
+        tokens,
+    })
 }
 
 impl Store {

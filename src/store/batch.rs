@@ -12,9 +12,10 @@ use super::load::{self, FoundRun, LoadedArrival, LoadedRun, NextIds, PastForm, P
 use super::rules::{Body, Closed, EndedBody, KeySeen, SWEEP_SLACK_MS};
 use super::runs::ARRIVAL_LIFE_MS;
 use super::token::TokenHash;
+use super::writer::Written;
 use super::{
-    Change, Error, EventId, EventKind, Receipt, RunId, RunState, Started, StudyState, Submitted,
-    Verdict, json,
+    Error, EventId, EventKind, Receipt, RunId, RunState, Started, StudyState, Submitted, Verdict,
+    json,
 };
 use crate::study::{NotAdmitted, Reply, StudyId, Timestamp};
 
@@ -22,7 +23,7 @@ use crate::study::{NotAdmitted, Reply, StudyId, Timestamp};
 pub(super) async fn write(
     connection: &mut SqliteConnection,
     jobs: &mut [Job],
-) -> Result<Vec<Change>, sqlx::Error> {
+) -> Result<Written, sqlx::Error> {
     let mut batch = Batch::load(connection, jobs).await?;
     let mut next_start = 0;
     for job in jobs {
@@ -40,10 +41,15 @@ pub(super) async fn write(
         }
     }
     let runs = &batch.runs;
-    batch
+    let changes = batch
         .effects
         .write(connection, |run| runs.get(&run).map(|run| &run.facts))
-        .await
+        .await?;
+    Ok(Written {
+        changes,
+        // Of somebody who declines, what their link brought is removed.
+        erased: !batch.effects.declined.is_empty(),
+    })
 }
 
 struct Batch {

@@ -30,6 +30,8 @@ pub struct Totals {
     pub data_version: i64,
     /// Moves with every change of what is shown, new fits included.
     pub page_version: i64,
+    /// The data version of the last withdrawal of somebody who was counted; 0 if there was none.
+    pub erased_version: i64,
 }
 
 #[derive(sqlx::FromRow)]
@@ -46,6 +48,7 @@ struct TotalsRow {
     exclusion_version: i64,
     data_version: i64,
     page_version: i64,
+    erased_version: i64,
 }
 
 impl Totals {
@@ -79,7 +82,7 @@ pub struct CellCount {
     pub problem: ProblemId,
     /// Its cell's id, or `block:question` outside the design.
     pub cell: String,
-    /// The hash of its prospects: equal to that of [`AskedProblem::new`](super::AskedProblem::new) where the study
+    /// The hash of its prospects and time limit: equal to that of [`AskedProblem::new`](super::AskedProblem::new) where the study
     /// still asks the same.
     pub hash: String,
     /// Answered, late, timed out.
@@ -151,7 +154,7 @@ impl Store {
             r#"
             select
                 started, completed, declined, screened_out, failed_check, timed_out, withdrawn, excluded,
-                excluded_completed, exclusion_version, data_version, page_version
+                excluded_completed, exclusion_version, data_version, page_version, erased_version
             from population
             where study_id = ? and is_simulated = ?
             "#,
@@ -174,6 +177,7 @@ impl Store {
             exclusion_version: row.exclusion_version,
             data_version: row.data_version,
             page_version: row.page_version,
+            erased_version: row.erased_version,
         })
     }
 

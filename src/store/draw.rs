@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::job::{AskedProblem, CandidateRun, DrawnStep};
 use super::json;
 use crate::model::ChoiceProblem;
-use crate::study::{Condition, Step, StepError, StepPlan, Study};
+use crate::study::{Cell, Condition, Step, StepError, StepPlan, Study};
 
 /// Draws the steps of one run, with the problems that its choices put before the person: once for each condition, in
 /// random order, so that of equally filled conditions chance decides.
@@ -58,7 +58,8 @@ pub fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError>
                 (None, Some(question)) => format!("{}:{question}", plan.block),
                 (None, None) => plan.block.to_string(),
             };
-            let asked = (!choice.practice).then(|| AskedProblem::new(cell, choice.problem));
+            let asked =
+                (!choice.practice).then(|| AskedProblem::new(cell, choice.problem, plan.limit_ms));
             (asked, choice.fitted, choice.practice)
         }
         Step::Consent(_) | Step::Info(_) | Step::Replays(_) | Step::Form(_) | Step::Thanks(_) => {
@@ -74,14 +75,24 @@ pub fn drawn_step(study: &Study, plan: StepPlan) -> Result<DrawnStep, StepError>
 }
 
 impl AskedProblem {
-    /// The problem of a cell, or of a `block:question` outside the design. Equal prospects have equal hashes.
-    pub fn new(cell: String, problem: Option<&ChoiceProblem>) -> Self {
+    /// The problem of a cell, or of a `block:question` outside the design. Equal prospects under the same time limit have
+    /// equal hashes: SHA-256 of the prospects, followed where there is a limit by a colon and its milliseconds, so that a
+    /// migration could tell the limits of problems apart that were stored before limits were part of it.
+    pub fn new(cell: String, problem: Option<&ChoiceProblem>, limit_ms: Option<u64>) -> Self {
         let prospects = problem.map(json);
-        let hash = HEXLOWER.encode(&Sha256::digest(prospects.as_deref().unwrap_or("withheld")));
+        let mut hash = HEXLOWER.encode(&Sha256::digest(prospects.as_deref().unwrap_or("withheld")));
+        if let Some(limit_ms) = limit_ms {
+            hash = format!("{hash}:{limit_ms}");
+        }
         Self {
             cell,
             hash,
             prospects,
         }
+    }
+
+    /// The problem of a cell as this version of its study asks it.
+    pub fn of(cell: &Cell) -> Self {
+        Self::new(cell.id.to_string(), cell.problem.as_ref(), cell.limit_ms)
     }
 }

@@ -198,8 +198,16 @@ pub enum OpenError {
         /// How many of its rows.
         broken: i64,
     },
+    /// A migration was made, and the database was not found whole after it.
+    #[error(
+        "{} was migrated and not found whole afterwards; start a server with it to be told why, or go back to the copy that was kept beside it",
+        .0.display()
+    )]
+    Unchecked(PathBuf),
     /// A migration lost rows.
-    #[error("the migrations left {after} of {before} rows in table {table}")]
+    #[error(
+        "the migrations left {after} of {before} rows in table {table}; go back to the copy that was kept beside the database"
+    )]
     RowsLost {
         /// The table.
         table: &'static str,

@@ -66,13 +66,14 @@ pub(super) enum Hot {
 pub(super) enum Rare {
     Publish(Publish, Ticket<VersionId>),
     SetState(StudyId, StudyState, Ticket<()>),
+    SetEnds(StudyId, Timestamp, Ticket<u64>),
     Withdraw(RunId, Timestamp, Ticket<()>),
     Exclude(Box<ExclusionChange>, Timestamp, Ticket<()>),
     SaveFits(Vec<NewFit>, Timestamp, Ticket<Vec<super::FitId>>),
     SaveComparison(Box<NewComparison>, Timestamp, Ticket<()>),
     SaveCheckpoints(Box<NewCheckpoints>, Timestamp, Ticket<bool>),
     ForgetArrivals(Timestamp, Ticket<u64>),
-    ForgetPeople(StudyId, Timestamp, Ticket<u64>),
+    ForgetPeople(StudyId, Vec<VersionId>, Timestamp, Ticket<u64>),
     Account(Box<AccountChange>, Timestamp, Ticket<i64>),
     Import(Box<Import>, Ticket<u64>),
 }
@@ -142,7 +143,7 @@ pub struct DrawnStep {
 pub struct AskedProblem {
     /// The cell's id, or `block:question` outside the design.
     pub cell: String,
-    /// The hash of the prospects.
+    /// The hash of the prospects, with the time limit where there is one.
     pub hash: String,
     /// Each action's outcomes as JSON; none where the question withholds them.
     pub prospects: Option<String>,
@@ -176,6 +177,7 @@ pub(super) struct Publish {
     /// Whom it leaves out of the analysis, as JSON.
     pub(super) exclusion: Option<String>,
     pub(super) state_if_new: StudyState,
+    pub(super) is_built_in: bool,
     pub(super) at: Timestamp,
 }
 
@@ -213,7 +215,8 @@ impl Job {
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.deliver(),
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
-                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::ForgetPeople(_, _, _, ticket)
+                | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.deliver(),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
@@ -238,7 +241,8 @@ impl Job {
             Self::Rare(Rare::SaveCheckpoints(_, _, ticket)) => ticket.fail(err),
             Self::Rare(
                 Rare::ForgetArrivals(_, ticket)
-                | Rare::ForgetPeople(_, _, ticket)
+                | Rare::ForgetPeople(_, _, _, ticket)
+                | Rare::SetEnds(_, _, ticket)
                 | Rare::Import(_, ticket),
             ) => ticket.fail(err),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),

@@ -72,7 +72,7 @@ pub use accounts::{
     TokenState,
 };
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
-pub use backup::{CopyError, back_up, restore};
+pub use backup::{CopyError, Restored, back_up, restore};
 pub use bonuses::{BonusRow, PaidChoice};
 pub use check::Disagreement;
 pub use checkpoints::{Checkpoint, LookCount, NewCheckpoints, Reached, Stopping};

@@ -167,7 +167,6 @@ pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
         .connect()
         .await
         .map_err(at(path))?;
-    let version = schema_version(&mut connection).await.map_err(at(path))?;
     match schema(&mut connection).await.map_err(at(path))? {
         Schema::None | Schema::Current => {}
         Schema::Newer(found) => {
@@ -177,31 +176,80 @@ pub(super) async fn migrate(path: &Path) -> Result<(), OpenError> {
                 known: newest_schema(),
             });
         }
-        Schema::Older(found) => keep_copy(&mut connection, path, found).await?,
-    }
-    let before = match version {
-        Some(_) => rows(&mut connection).await.map_err(at(path))?,
-        None => [0; 4],
-    };
-    MIGRATIONS.run(&mut connection).await?;
-    if version != schema_version(&mut connection).await.map_err(at(path))? {
-        let after = rows(&mut connection).await.map_err(at(path))?;
-        for ((table, before), after) in ["run", "step", "event", "answer"]
-            .into_iter()
-            .zip(before)
-            .zip(after)
-        {
-            if after < before {
-                return Err(OpenError::RowsLost {
-                    table,
-                    before,
-                    after,
-                });
-            }
+        Schema::Older(found) => {
+            keep_copy(&mut connection, path, found).await?;
+            note_rows(&mut connection).await.map_err(at(path))?;
         }
-        require_whole_references(&mut connection, path).await?;
     }
+    MIGRATIONS.run(&mut connection).await?;
+    require_whole(&mut connection, path).await?;
     connection.close().await.map_err(at(path))
+}
+
+/// What must never get lost.
+const COUNTED: [&str; 4] = ["run", "step", "event", "answer"];
+
+/// Writes down how many rows there are before a migration. The note stands until the migrated database was found whole:
+/// one that was not, or that nobody came to check, is refused at each start and not only at the first.
+async fn note_rows(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    let mut transaction = connection.begin().await?;
+    sqlx::raw_sql(
+        r#"
+        drop table if exists unchecked_migration;
+        create table unchecked_migration (
+            runs integer not null, steps integer not null, events integer not null, answers integer not null
+        ) strict;
+        insert into unchecked_migration (runs, steps, events, answers)
+        select
+            (select count(*) from run), (select count(*) from step),
+            (select count(*) from event), (select count(*) from answer);
+        "#,
+    )
+    .execute(&mut *transaction)
+    .await?;
+    transaction.commit().await
+}
+
+/// Whether a migration was made and not found good.
+async fn is_unchecked(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    sqlx::query_scalar(
+        "select exists (select 1 from sqlite_schema where type = 'table' and name = 'unchecked_migration')",
+    )
+    .fetch_one(connection)
+    .await
+}
+
+/// Checks a migrated database against the note of [`note_rows`], and removes the note from one that is whole.
+async fn require_whole(connection: &mut SqliteConnection, path: &Path) -> Result<(), OpenError> {
+    if !is_unchecked(connection).await.map_err(at(path))? {
+        return Ok(());
+    }
+    let before: Option<(i64, i64, i64, i64)> =
+        sqlx::query_as("select runs, steps, events, answers from unchecked_migration")
+            .fetch_optional(&mut *connection)
+            .await
+            .map_err(at(path))?;
+    let (runs, steps, events, answers) = before.unwrap_or_default();
+    let after = rows(connection).await.map_err(at(path))?;
+    for ((table, before), after) in COUNTED
+        .into_iter()
+        .zip([runs, steps, events, answers])
+        .zip(after)
+    {
+        if after < before {
+            return Err(OpenError::RowsLost {
+                table,
+                before,
+                after,
+            });
+        }
+    }
+    require_whole_references(connection, path).await?;
+    sqlx::query("drop table unchecked_migration")
+        .execute(connection)
+        .await
+        .map_err(at(path))?;
+    Ok(())
 }
 
 /// Refuses a path where no file is: a command that writes must not make an empty database.
@@ -217,7 +265,11 @@ pub(super) fn require_file(path: &Path) -> Result<(), OpenError> {
 pub(super) async fn require_schema(path: &Path) -> Result<(), OpenError> {
     let mut connection = reading_connection(path).await?;
     let found = schema(&mut connection).await.map_err(at(path))?;
+    let is_unchecked = is_unchecked(&mut connection).await.map_err(at(path))?;
     connection.close().await.map_err(at(path))?;
+    if is_unchecked && found == Schema::Current {
+        return Err(OpenError::Unchecked(path.to_owned()));
+    }
     let known = newest_schema();
     match found {
         Schema::Current => Ok(()),

@@ -1,9 +1,10 @@
 //! How a study is going: where people are, where they stop, and how long they take.
 //!
 //! Everything here is counted when it is asked for, in one pass over a study's runs, steps and answers each; withdrawn
-//! people have none of these any more, and previews are left out.
+//! people have none of these any more, and previews are left out. So are imported people wherever steps and times are told:
+//! their runs were made from a table, and they came to no page of this server.
 
-use super::{Error, Population, RunState, Store};
+use super::{Error, Population, RunState, Store, import};
 use crate::study::{BlockId, QuestionId, StudyId, Timestamp};
 
 /// Answer times are counted in classes of this width, so that a median needs no sorting of all answers.
@@ -87,6 +88,7 @@ impl Store {
                 and step.position <= run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             left join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
+            and run.platform is not ?4
             group by step.kind, step.block, step.question, class
             order by class
             "#,
@@ -94,6 +96,7 @@ impl Store {
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(CLASS_MS)
+        .bind(import::PLATFORM)
         .fetch_all(&self.pool)
         .await?;
         let stops: Vec<Stop> = sqlx::query_as(
@@ -108,18 +111,20 @@ impl Store {
                 and step.position = run.position - (run.state in ('declined', 'screened_out', 'failed_check'))
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and run.state <> 'completed'
+            and run.platform is not ?4
             group by step.kind, step.block, step.question, here
             "#,
         )
         .bind(study.as_str())
         .bind(population.is_simulated())
         .bind(self.now().0 - LEFT_AFTER_MS)
+        .bind(import::PLATFORM)
         .fetch_all(&self.pool)
         .await?;
         Ok(steps(classes, &stops))
     }
 
-    /// The median time of completed runs from the start to the end.
+    /// The median time of completed runs from the start to the end, imported ones left out.
     ///
     /// # Errors
     /// When the database fails.
@@ -136,6 +141,7 @@ impl Store {
                     from run
                     where study_id = ?1 and is_simulated = ?2 and is_preview = 0
                     and state = 'completed' and finished_at_ms is not null and has_times
+                    and platform is not ?3
                 ),
                 total as (select count(*) as n from duration)
             select avg(ms)
@@ -151,6 +157,7 @@ impl Store {
         )
         .bind(study.as_str())
         .bind(population.is_simulated())
+        .bind(import::PLATFORM)
         .fetch_one(&self.pool)
         .await?;
         Ok(median.map(|ms| ms.round() as u64))
@@ -181,6 +188,34 @@ impl Store {
         .fetch_optional(&self.pool)
         .await?;
         Ok(at.map(Timestamp))
+    }
+
+    /// How many people asked for more time, by how many times the usual time they got; previews are left out.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn runs_with_more_time(
+        &self,
+        study: &StudyId,
+        population: Population,
+    ) -> Result<Vec<(f64, u64)>, Error> {
+        let rows: Vec<(f64, i64)> = sqlx::query_as(
+            r#"
+            select time_factor, count(*)
+            from run
+            where study_id = ? and is_simulated = ? and is_preview = 0 and time_factor > 1
+            group by time_factor
+            order by time_factor
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .fetch_all(&self.pool)
+        .await?;
+        Ok(rows
+            .into_iter()
+            .map(|(factor, n)| (factor, count(n)))
+            .collect())
     }
 
     /// How many runs each source sent, by what became of them: ordered by source, people without one first.

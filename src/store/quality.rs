@@ -63,15 +63,15 @@ pub struct WatchedParticipant {
     pub condition: Option<ConditionId>,
     /// Where they came from.
     pub source: Option<String>,
-    /// When they started; none where an import did not tell.
+    /// When they started; none for withdrawn people, and where an import did not tell.
     pub started_at: Option<Timestamp>,
-    /// When their run ended, if it has and that is known.
+    /// When their run ended, if it has; none for withdrawn people, and where an import did not tell.
     pub finished_at: Option<Timestamp>,
     /// How many steps they have closed.
     pub answered: u64,
     /// How many steps their run has.
     pub steps: u64,
-    /// What is notable.
+    /// What is notable; nothing about withdrawn people.
     pub flags: Vec<Flag>,
     /// Why they are left out of the analysis, if they are: flags of the study's rule, and a reason that somebody gave.
     pub excluded: Option<String>,
@@ -123,7 +123,8 @@ impl Store {
                     (select count(*) from step where step.run_id = run.id and step.kind <> 'thanks') as steps,
                     run.state = 'completed' and run.has_times
                     and run.finished_at_ms - run.started_at_ms < ?6 as short_run,
-                    (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals,
+                    run.state <> 'withdrawn'
+                    and (select count(*) from arrival where arrival.run_id = run.id) > 1 as several_arrivals,
                     (
                         select concat_ws('; ', flags, 'by hand: ' || reason)
                         from exclusion
@@ -192,20 +193,21 @@ impl From<Row> for WatchedParticipant {
             (row.late_answer, Flag::LateAnswer),
             (row.several_arrivals, Flag::SeveralArrivals),
         ];
+        let is_withdrawn = row.state == RunState::Withdrawn;
         let count = |stored: i64| u64::try_from(stored).unwrap_or(0);
         Self {
             run: row.id,
             state: row.state,
             condition: row.condition.as_deref().map(ConditionId::from),
             source: row.source,
-            started_at: row.started_at_ms.map(Timestamp),
-            finished_at: row.finished_at_ms.map(Timestamp),
+            started_at: row.started_at_ms.filter(|_| !is_withdrawn).map(Timestamp),
+            finished_at: row.finished_at_ms.filter(|_| !is_withdrawn).map(Timestamp),
             answered: count(row.answered),
             steps: count(row.steps),
             excluded: row.excluded,
             flags: flags
                 .into_iter()
-                .filter(|(is_set, _)| *is_set)
+                .filter(|(is_set, _)| *is_set && !is_withdrawn)
                 .map(|(_, flag)| flag)
                 .collect(),
         }

@@ -7,7 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::import;
 use super::load::{self, step_kind, time_factor};
 use super::rules::Body;
-use super::{Error, Population, RunId, RunState, Store, Token, VersionId};
+use super::{Error, Population, RunId, RunState, Store, Token, VersionId, json};
 use crate::study::{
     BlockId, ConditionId, DEFAULT_GRACE_MS, Deadline, QuestionId, Reply, StepPlan, StudyId,
     TimeFactor, Timestamp,
@@ -371,10 +371,11 @@ impl Store {
             .collect())
     }
 
-    /// Whether some run of a study has a link, or tells whom a platform sent.
+    /// Whether some run under these versions of a study has a link, or tells whom a platform sent.
     pub(super) async fn is_anybody_known(
         &self,
         study: &StudyId,
+        versions: &[VersionId],
         before: Timestamp,
     ) -> Result<bool, Error> {
         Ok(sqlx::query_scalar(
@@ -382,20 +383,23 @@ impl Store {
             select exists (
                 select 1
                 from run
-                where study_id = ?
-                and (state <> 'active' or started_at_ms < ?)
+                where study_id = ?1
+                and version_id in (select value from json_each(?2))
+                and (state <> 'active' or started_at_ms < ?3)
                 and (
-                    (platform is not null and platform <> ?) or recruiting is not null
+                    (platform is not null and platform <> ?4) or recruiting is not null
                     or exists (select 1 from run_token where run_token.run_id = run.id)
                 )
             )
-            or exists (select 1 from withdrawn_person where study_id = ?)
+            or exists (
+                select 1 from withdrawn_person where version_id in (select value from json_each(?2))
+            )
             "#,
         )
         .bind(study.as_str())
+        .bind(json(&versions))
         .bind(before.0)
         .bind(import::PLATFORM)
-        .bind(study.as_str())
         .fetch_one(&self.pool)
         .await?)
     }

@@ -3,7 +3,9 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::job::{Job, Publish, Rare};
-use super::{Change, Error, Population, Store, StudyState, VersionId, VersionNumber, exclusions};
+use super::{
+    Change, Error, Population, Store, StudyState, VersionId, VersionNumber, exclusions, import,
+};
 use crate::study::{ExclusionRule, StudyId, Timestamp};
 
 /// A study as the database knows it.
@@ -34,6 +36,8 @@ pub struct StudyVersion {
     pub program_version: String,
     /// When that was.
     pub created_at: Timestamp,
+    /// Whether it came with the program, and no file of the lab's ever had the same text.
+    pub is_built_in: bool,
 }
 
 #[derive(sqlx::FromRow)]
@@ -45,6 +49,7 @@ struct VersionRow {
     text: String,
     program_version: String,
     created_at_ms: i64,
+    is_built_in: bool,
 }
 
 impl Store {
@@ -62,14 +67,56 @@ impl Store {
         state_if_new: StudyState,
         rule: Option<&ExclusionRule>,
     ) -> Result<VersionId, Error> {
-        let publish = Publish {
+        self.send_text(Publish {
             study: study.clone(),
             hash: hash.to_owned(),
             text: text.to_owned(),
             exclusion: rule.map(exclusions::rule_json),
             state_if_new,
+            is_built_in: false,
             at: self.now(),
-        };
+        })
+        .await
+    }
+
+    /// The same for a study that comes with the program: a later program may replace its text, unless a file of the lab's
+    /// has had it.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn publish_built_in(
+        &self,
+        study: &StudyId,
+        hash: &str,
+        text: &str,
+        state_if_new: StudyState,
+        rule: Option<&ExclusionRule>,
+    ) -> Result<VersionId, Error> {
+        self.send_text(Publish {
+            study: study.clone(),
+            hash: hash.to_owned(),
+            text: text.to_owned(),
+            exclusion: rule.map(exclusions::rule_json),
+            state_if_new,
+            is_built_in: true,
+            at: self.now(),
+        })
+        .await
+    }
+
+    /// Gives everybody who is under way in a study without an end one, `time_limit_ms` from now on: a version that counts
+    /// places may follow one that did not, and who began under that one holds a place too. Previews and imported people
+    /// hold none. Returns how many got one.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn set_ends(&self, study: &StudyId, time_limit_ms: i64) -> Result<u64, Error> {
+        let (study, ends_at) = (study.clone(), Timestamp(self.now().0 + time_limit_ms));
+        self.wait_for(|ticket| Job::Rare(Rare::SetEnds(study, ends_at, ticket)))
+            .await
+    }
+
+    async fn send_text(&self, publish: Publish) -> Result<VersionId, Error> {
         self.wait_for(|ticket| Job::Rare(Rare::Publish(publish, ticket)))
             .await
     }
@@ -121,7 +168,7 @@ impl Store {
     pub async fn study_version(&self, id: VersionId) -> Result<StudyVersion, Error> {
         let row: Option<VersionRow> = sqlx::query_as(
             r#"
-            select id, number, study_id, hash, text, program_version, created_at_ms
+            select id, number, study_id, hash, text, program_version, created_at_ms, is_built_in
             from study_version
             where id = ?
             "#,
@@ -140,7 +187,7 @@ impl Store {
     pub async fn study_versions(&self, study: &StudyId) -> Result<Vec<StudyVersion>, Error> {
         let rows: Vec<VersionRow> = sqlx::query_as(
             r#"
-            select id, number, study_id, hash, text, program_version, created_at_ms
+            select id, number, study_id, hash, text, program_version, created_at_ms, is_built_in
             from study_version
             where study_id = ?
             order by id
@@ -174,6 +221,7 @@ impl From<VersionRow> for StudyVersion {
             text,
             program_version,
             created_at_ms,
+            is_built_in,
         } = row;
         let created_at = Timestamp(created_at_ms);
         Self {
@@ -184,6 +232,7 @@ impl From<VersionRow> for StudyVersion {
             text,
             program_version,
             created_at,
+            is_built_in,
         }
     }
 }
@@ -205,10 +254,10 @@ pub(super) async fn publish(
         .await?;
     let version: VersionId = sqlx::query_scalar(
         r#"
-        insert into study_version (study_id, number, hash, text, exclusion, program_version, created_at_ms)
-        values (?1, (select count(*) + 1 from study_version where study_id = ?1), ?2, ?3, ?4, ?5, ?6)
-        -- the same text again is the version that it was; updating nothing makes `returning` tell its id
-        on conflict (study_id, hash) do update set hash = hash
+        insert into study_version (study_id, number, hash, text, exclusion, program_version, created_at_ms, is_built_in)
+        values (?1, (select count(*) + 1 from study_version where study_id = ?1), ?2, ?3, ?4, ?5, ?6, ?7)
+        -- the same text again is the version that it was; once a lab's file has had it, it stays the lab's
+        on conflict (study_id, hash) do update set is_built_in = min(is_built_in, excluded.is_built_in)
         returning id
         "#,
     )
@@ -218,6 +267,7 @@ pub(super) async fn publish(
     .bind(&publish.exclusion)
     .bind(env!("CARGO_PKG_VERSION"))
     .bind(publish.at.0)
+    .bind(publish.is_built_in)
     .fetch_one(&mut *connection)
     .await?;
     let changed =
@@ -233,6 +283,28 @@ pub(super) async fn publish(
         Vec::new()
     };
     Ok((version, changes))
+}
+
+/// Sets the end of runs under way that have none. Returns how many there were.
+pub(super) async fn set_ends(
+    connection: &mut SqliteConnection,
+    study: &StudyId,
+    ends_at: Timestamp,
+) -> Result<u64, sqlx::Error> {
+    let set = sqlx::query(
+        r#"
+        update run
+        set expires_at_ms = ?
+        where study_id = ? and state = 'active' and is_preview = 0
+        and expires_at_ms is null and platform is not ?
+        "#,
+    )
+    .bind(ends_at.0)
+    .bind(study.as_str())
+    .bind(import::PLATFORM)
+    .execute(connection)
+    .await?;
+    Ok(set.rows_affected())
 }
 
 /// Sets a study's state. No changes mean that there is no such study.

@@ -4,10 +4,12 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::import;
 use super::job::{Job, Rare};
-use super::{Change, Error, Population, RunId, RunState, Store, Token, json, load, runs};
+use super::{
+    Change, Error, Population, RunId, RunState, Store, Token, VersionId, json, load, runs,
+};
 use crate::study::{StudyId, Timestamp};
 
-/// Of the start of a withdrawn run its day is kept.
+/// Of the times of a withdrawn run their days are kept.
 const DAY_MS: i64 = 24 * 60 * 60 * 1_000;
 
 impl Store {
@@ -54,24 +56,29 @@ impl Store {
             .await
     }
 
-    /// Erases the links of a study's runs and what recruiting platforms told of their people, after its retention date.
-    /// Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
+    /// Erases the links of the runs that began under these versions of a study, and what recruiting platforms told of their
+    /// people, after the retention date. Answers stay, and nobody can tell any more whose they are. Runs under way are left alone for a day. Returns how many runs were made anonymous.
     ///
     /// # Errors
     /// When the database fails.
-    pub async fn forget_people(&self, study: &StudyId) -> Result<u64, Error> {
+    pub async fn forget_people(
+        &self,
+        study: &StudyId,
+        versions: &[VersionId],
+    ) -> Result<u64, Error> {
         let before = Timestamp(self.now().0 - runs::ARRIVAL_LIFE_MS);
-        if !self.is_anybody_known(study, before).await? {
+        if !self.is_anybody_known(study, versions, before).await? {
             return Ok(0);
         }
-        let study = study.clone();
-        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, before, ticket)))
+        let (study, versions) = (study.clone(), versions.to_vec());
+        self.wait_for(|ticket| Job::Rare(Rare::ForgetPeople(study, versions, before, ticket)))
             .await
     }
 }
 
-/// Erases a run: its answers, events, steps, bonus, exclusion, recruiting ids and its share of the counters. What stays is an anonymous
-/// row with the state `withdrawn`, so that its links can say so, and one event that says when and how much. Of a person who
+/// Erases a run: its answers, events, steps, bonus, exclusion, recruiting ids and its share of the counters. What stays is
+/// an anonymous row with the state `withdrawn`, so that its links can say so, and one event that says on which day and how
+/// much. Of a person who
 /// took part to an end, the keyed hash of their recruiting id stays in a table of its own until the retention date: whoever
 /// has seen their bonus or the answers of a check gets no second try by withdrawing.
 ///
@@ -96,6 +103,7 @@ pub(super) async fn erase(
     };
     // Taken before anything is deleted, so that ids never go backwards.
     let event = load::next_ids(connection).await?.event;
+    let day = at.0 - at.0 % DAY_MS;
     subtract_counts(connection, run).await?;
     let was_counted: bool = sqlx::query_scalar(
         "select exists (select 1 from answer where run_id = ? and is_counted = 1)",
@@ -133,13 +141,13 @@ pub(super) async fn erase(
         update run
         set
             state = 'withdrawn', position = 0, attempts = 0, shown_at_ms = null, deadline_ms = null,
-            platform = null, platform_key = null, recruiting = null, source = null, language = null,
-            condition = null, time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?, finished_at_ms = ?
-        where id = ?
+            platform = null, platform_key = null, recruiting = null, source = null, language = null, condition = null,
+            time_factor = 1, expires_at_ms = null, started_at_ms = started_at_ms - started_at_ms % ?1, finished_at_ms = ?2
+        where id = ?3
         "#,
     )
     .bind(DAY_MS)
-    .bind(at.0)
+    .bind(day)
     .bind(run)
     .execute(&mut *connection)
     .await?;
@@ -153,7 +161,7 @@ pub(super) async fn erase(
     sqlx::query("insert into event (id, run_id, position, kind, at_ms, body) values (?, ?, 0, 'erased', ?, ?)")
         .bind(event)
         .bind(run)
-        .bind(at.0)
+        .bind(day)
         .bind(json(&erased))
         .execute(&mut *connection)
         .await?;
@@ -199,8 +207,8 @@ pub(super) async fn erase(
 async fn remember_person(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
     sqlx::query(
         r#"
-        insert into withdrawn_person (study_id, platform_key)
-        select study_id, platform_key
+        insert into withdrawn_person (study_id, platform_key, version_id)
+        select study_id, platform_key, version_id
         from run
         where id = ? and platform_key is not null and is_preview = 0
         on conflict do nothing
@@ -228,18 +236,21 @@ async fn forget_results(connection: &mut SqliteConnection, run: RunId) -> Result
     Ok(())
 }
 
-/// Erases links and recruiting ids of the runs of a study that are over or began before `before`. Returns how many had
-/// any. The keys of imported people stay, so that the same file is not imported twice: they came by no link.
+/// Erases links and recruiting ids of the runs under these versions of a study that are over or began before `before`.
+/// Returns how many had any. The keys of imported people stay, so that the same file is not imported twice: they came by no link.
 pub(super) async fn forget_people(
     connection: &mut SqliteConnection,
     study: &StudyId,
+    versions: &[VersionId],
     before: Timestamp,
 ) -> Result<u64, sqlx::Error> {
+    let versions = json(&versions);
     let runs: Vec<RunId> = sqlx::query_scalar(
         r#"
         select id
         from run
         where study_id = ?
+        and version_id in (select value from json_each(?))
         and (state <> 'active' or started_at_ms < ?)
         and (
             (platform is not null and platform <> ?) or recruiting is not null
@@ -248,6 +259,7 @@ pub(super) async fn forget_people(
         "#,
     )
     .bind(study.as_str())
+    .bind(&versions)
     .bind(before.0)
     .bind(import::PLATFORM)
     .fetch_all(&mut *connection)
@@ -266,10 +278,12 @@ pub(super) async fn forget_people(
             .execute(&mut *connection)
             .await?;
     }
-    sqlx::query("delete from withdrawn_person where study_id = ?")
-        .bind(study.as_str())
-        .execute(connection)
-        .await?;
+    sqlx::query(
+        "delete from withdrawn_person where version_id in (select value from json_each(?))",
+    )
+    .bind(&versions)
+    .execute(connection)
+    .await?;
     Ok(runs.len() as u64)
 }
 
@@ -305,7 +319,7 @@ async fn subtract_counts(connection: &mut SqliteConnection, run: RunId) -> Resul
     Ok(())
 }
 
-/// Empties the arrivals that led to the run, and removes other ones of the same person that led nowhere.
+/// Empties the arrivals and links that led to the run, and removes other ones of the same person that led nowhere.
 async fn forget_recruiting(
     connection: &mut SqliteConnection,
     run: RunId,
@@ -323,12 +337,20 @@ async fn forget_recruiting(
     sqlx::query(
         r#"
         update arrival
-        set platform = null, platform_key = null, recruiting = null, source = null
+        set
+            platform = null, platform_key = null, recruiting = null, source = null, language = null,
+            created_at_ms = created_at_ms - created_at_ms % ?
         where run_id = ?
         "#,
     )
+    .bind(DAY_MS)
     .bind(run)
-    .execute(connection)
+    .execute(&mut *connection)
     .await?;
+    sqlx::query("update run_token set made_at_ms = made_at_ms - made_at_ms % ? where run_id = ?")
+        .bind(DAY_MS)
+        .bind(run)
+        .execute(connection)
+        .await?;
     Ok(())
 }

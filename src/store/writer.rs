@@ -58,6 +58,14 @@ enum Log {
     Erased,
 }
 
+/// What a commit did beside what its jobs are told.
+#[derive(Debug, Default)]
+pub(super) struct Written {
+    pub(super) changes: Vec<Change>,
+    /// Whether something about a person was removed, so that the log is to be emptied.
+    pub(super) erased: bool,
+}
+
 impl Writer {
     pub(super) fn new(
         path: PathBuf,
@@ -71,7 +79,8 @@ impl Writer {
             changes,
             health,
             is_second_chance: false,
-            log: Log::Copied,
+            // A server that ended badly may have left erased rows in it.
+            log: Log::Erased,
             next_truncation: Instant::now(),
         }
     }
@@ -143,13 +152,10 @@ impl Writer {
             return None;
         }
         match self.commit(&mut jobs).await {
-            Ok(changes) => {
+            Ok(Written { changes, erased }) => {
                 self.is_second_chance = false;
                 self.health.commit_failed.store(false, Ordering::Release);
                 self.health.commits.fetch_add(1, Ordering::Relaxed);
-                let erased = jobs.iter().any(|job| {
-                    matches!(job, Job::Rare(Rare::Withdraw(..) | Rare::ForgetPeople(..)))
-                });
                 if erased && self.log != Log::Erased {
                     self.next_truncation = Instant::now() + IDLE;
                 }
@@ -190,18 +196,26 @@ impl Writer {
 
     /// One transaction: immediate, because it reads the state of the runs before it writes. Dropped before its
     /// commit it rolls back.
-    async fn commit(&mut self, jobs: &mut [Job]) -> Result<Vec<Change>, sqlx::Error> {
+    async fn commit(&mut self, jobs: &mut [Job]) -> Result<Written, sqlx::Error> {
         let mut transaction = self.connection.begin_with("begin immediate").await?;
-        let mut changes = Vec::new();
+        let mut written = Written::default();
         // Rare jobs stand between groups of frequent ones, in the order in which they came.
         for group in jobs.chunk_by_mut(|one, next| one.is_hot() && next.is_hot()) {
             match group {
-                [Job::Rare(rare)] => changes.extend(write_rare(&mut transaction, rare).await?),
-                frequent => changes.extend(batch::write(&mut transaction, frequent).await?),
+                [Job::Rare(rare)] => {
+                    written.erased |= erases(rare);
+                    let changes = write_rare(&mut transaction, rare).await?;
+                    written.changes.extend(changes);
+                }
+                frequent => {
+                    let done = batch::write(&mut transaction, frequent).await?;
+                    written.erased |= done.erased;
+                    written.changes.extend(done.changes);
+                }
             }
         }
         transaction.commit().await?;
-        Ok(changes)
+        Ok(written)
     }
 
     /// After a disk error the connection is not trusted any more: once, a new one is tried.
@@ -276,6 +290,22 @@ fn fail_all(jobs: Vec<Job>, err: &Error) {
     }
 }
 
+/// Whether a job removes something about people.
+fn erases(rare: &Rare) -> bool {
+    match rare {
+        Rare::Withdraw(..) | Rare::ForgetPeople(..) | Rare::ForgetArrivals(..) => true,
+        Rare::Publish(..)
+        | Rare::SetState(..)
+        | Rare::SetEnds(..)
+        | Rare::Exclude(..)
+        | Rare::SaveFits(..)
+        | Rare::SaveComparison(..)
+        | Rare::SaveCheckpoints(..)
+        | Rare::Account(..)
+        | Rare::Import(..) => false,
+    }
+}
+
 async fn write_rare(
     connection: &mut SqliteConnection,
     rare: &mut Rare,
@@ -295,6 +325,10 @@ async fn write_rare(
                 Err(Error::NotFound("study"))
             });
             Ok(changes)
+        }
+        Rare::SetEnds(study, ends_at, ticket) => {
+            ticket.hold(Ok(studies::set_ends(connection, study, *ends_at).await?));
+            Ok(Vec::new())
         }
         Rare::Withdraw(run, at, ticket) => {
             let changes = withdraw::erase(connection, *run, *at).await?;
@@ -321,8 +355,8 @@ async fn write_rare(
             ticket.hold(Ok(is_first));
             Ok(changes)
         }
-        Rare::ForgetPeople(study, before, ticket) => {
-            let forgotten = withdraw::forget_people(connection, study, *before).await?;
+        Rare::ForgetPeople(study, versions, before, ticket) => {
+            let forgotten = withdraw::forget_people(connection, study, versions, *before).await?;
             ticket.hold(Ok(forgotten));
             Ok(Vec::new())
         }

@@ -16,6 +16,8 @@ pub struct Cell {
     pub fitted: bool,
     /// What each action leads to; `None` where the question withholds a probability or a reward. A fitted cell has one.
     pub problem: Option<ChoiceProblem>,
+    /// The time limit of its questions, before anybody's time factor.
+    pub limit_ms: Option<u64>,
     /// The actions that can be chosen, in file order.
     pub actions: Vec<ActionLabel>,
 }
@@ -40,6 +42,8 @@ pub struct Baseline {
     pub label: String,
     /// What each action leads to.
     pub problem: ChoiceProblem,
+    /// The time limit, before anybody's time factor.
+    pub limit_ms: Option<u64>,
     /// The action with the highest expected reward.
     pub optimal: ActionId,
 }

@@ -356,6 +356,8 @@ pub(super) struct RawRecruiting {
     #[serde(default)]
     pub(super) filters: Vec<String>,
     #[serde(default)]
+    pub(super) more_time: bool,
+    #[serde(default)]
     pub(super) mturk: RawMturk,
 }
 

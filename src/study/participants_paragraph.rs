@@ -200,7 +200,13 @@ impl ParticipantFacts {
         if reasons.is_empty() {
             return String::new();
         }
-        format!(" Of {} who started, {}.", self.started, reasons.join(", "))
+        let mut text = format!(" Of {} who started, {}.", self.started, reasons.join(", "));
+        if self.declined > 0 {
+            text.push_str(
+                " Those who did not consent are counted by visits, since nothing is kept by which one of them could be known again.",
+            );
+        }
+        text
     }
 }
 
@@ -238,7 +244,8 @@ mod tests {
             "30 people completed the study (2 without a label of their source, 28 from prolific). The recruiting \
              platform was asked for: Approval rate of at least 95 %. Gender: Man 67 %, Woman 30 %, no answer 3 %. The \
              median age was 30 years (range 18 to 61; 1 did not tell their age). Of 40 who started, 2 did not consent, \
-             1 was screened out, 3 failed a comprehension check, 1 withdrew and was erased, 3 did not finish. The \
+             1 was screened out, 3 failed a comprehension check, 1 withdrew and was erased, 3 did not finish. Those who \
+             did not consent are counted by visits, since nothing is kept by which one of them could be known again. The \
              median time from start to end was 5.2 minutes."
         );
     }

@@ -74,6 +74,8 @@ pub struct Recruiting {
     pub retention: Option<Timestamp>,
     /// What the recruiting platform was told to require, for reports.
     pub filters: Vec<String>,
+    /// Whether whoever starts may ask for more time at questions with a limit.
+    pub more_time: bool,
     /// What is said of MTurk.
     pub mturk: Mturk,
 }
@@ -159,6 +161,7 @@ mod tests {
             time_limit_ms: None,
             retention: None,
             filters: Vec::new(),
+            more_time: false,
             mturk: Mturk::default(),
         }
     }

@@ -8,8 +8,8 @@ use reqwest::{Client, StatusCode, redirect::Policy};
 use riskaware::{
     clock::Clock,
     jobs::{Catalogue, closing},
-    store::{AnswerKey, Population, RunState, StudyState},
-    study::{ConditionId, Device, StepKind, Study, StudyId, Timestamp},
+    store::{AnswerKey, NewArrival, NewRun, Population, RunState, StudyState, Token, draw_run},
+    study::{self, ConditionId, Device, StepKind, Study, StudyId, TimeFactor, Timestamp},
 };
 use tokio::task::JoinSet;
 
@@ -300,15 +300,6 @@ async fn a_preview_starts_in_every_state_and_never_counts() {
 #[tokio::test]
 async fn whoever_finished_can_withdraw_until_the_retention_date() {
     let app = serve("retention = 2026-01-31").await;
-    let catalogue = Catalogue::publish(
-        &app.store,
-        vec![(
-            "between.toml".to_owned(),
-            with_recruiting("retention = 2026-01-31"),
-        )],
-    )
-    .await
-    .unwrap();
     let mut early = app.participant_of("/s/between?PROLIFIC_PID=5f3").await;
     early.finishes("bold").await;
     let link = early
@@ -320,7 +311,7 @@ async fn whoever_finished_can_withdraw_until_the_retention_date() {
     late.finishes("safe").await;
 
     app.clock.advance(30 * 24 * 60 * 60_000);
-    closing::forget_people(&app.store, &catalogue).await;
+    closing::forget_people(&app.store).await;
     let withdrawn = app
         .client
         .post(format!("{}{link}", app.url))
@@ -331,7 +322,7 @@ async fn whoever_finished_can_withdraw_until_the_retention_date() {
     assert!(withdrawn.html.contains("Your answers are erased"));
 
     app.clock.advance(2 * 24 * 60 * 60_000);
-    closing::forget_people(&app.store, &catalogue).await;
+    closing::forget_people(&app.store).await;
     assert_eq!(late.reloads().await.status, StatusCode::NOT_FOUND);
     let path = format!("/r/{}/withdraw", late.token());
     let gone = app.get(&path).await;
@@ -414,4 +405,155 @@ mturk = { frame = true }
     assert_eq!(recruiting.filters, ["Lives in the United States"]);
     assert_eq!(recruiting.time_limit_ms, Some(30 * 60_000));
     assert!(recruiting.mturk.frame);
+}
+
+const GAMBLES: &str = include_str!("../data/gambles.toml");
+
+#[tokio::test]
+async fn who_began_before_there_was_a_quota_holds_a_place_in_it() {
+    let file = ("gambles.toml".to_owned(), GAMBLES.to_owned());
+    let app = App::with(Clock::manual(START), vec![file]).await;
+    for _ in 0..2 {
+        app.participant_of("/s/three-gambles").await;
+    }
+    let study = StudyId::from("three-gambles");
+    let taken = async || {
+        let places = app.store.places_taken(&study, Population::People).await;
+        places.unwrap().values().sum::<u64>()
+    };
+    assert_eq!(taken().await, 0);
+    let with_quota = GAMBLES.replacen("[recruiting]\n", "[recruiting]\nquota = 2\n", 1);
+    let file = ("gambles.toml".to_owned(), with_quota);
+    let catalogue = Catalogue::publish(&app.store, vec![file]).await.unwrap();
+    assert_eq!(taken().await, 2);
+    // They have the whole time of a run from then on, and give their places back after it.
+    let (_, served) = catalogue.current(&study).unwrap();
+    let limit_ms = served.recruiting().time_limit_ms.unwrap();
+    app.clock.advance(limit_ms - 1_000);
+    assert_eq!(app.store.close_overdue().await.unwrap(), 0);
+    app.clock.advance(2_000);
+    assert_eq!(app.store.close_overdue().await.unwrap(), 2);
+    assert_eq!(taken().await, 0);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn a_later_version_does_not_prolong_what_people_agreed_to() {
+    let app = serve("retention = 2026-01-31").await;
+    let mut person = app.participant_of("/s/between?PROLIFIC_PID=5f3").await;
+    person.finishes("bold").await;
+    for keys in ["retention = 2030-01-31", ""] {
+        let file = ("between.toml".to_owned(), with_recruiting(keys));
+        Catalogue::publish(&app.store, vec![file]).await.unwrap();
+    }
+    closing::forget_people(&app.store).await;
+    assert_eq!(person.reloads().await.status, StatusCode::OK);
+    app.clock.advance(32 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store).await;
+    assert_eq!(person.reloads().await.status, StatusCode::NOT_FOUND);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn what_this_program_does_not_read_any_more_can_be_withdrawn_and_is_forgotten() {
+    let app = serve("").await;
+    let study = StudyId::from("of-old");
+    let text = "format = 0\n[recruiting]\nretention = 2026-01-31\n";
+    let version = app
+        .store
+        .publish(&study, "hash", text, StudyState::Open, None)
+        .await
+        .unwrap();
+    let between = Study::parse("between.toml", BETWEEN).unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(1);
+    let mut links = Vec::new();
+    for _ in 0..2 {
+        let arrival = Token::random(&mut rng);
+        let from = NewArrival::default();
+        app.store.arrive(&arrival, &study, from).await.unwrap();
+        let run = NewRun {
+            study: study.clone(),
+            version,
+            candidates: draw_run(&between, &mut rng).unwrap(),
+            quota: None,
+            time_limit_ms: None,
+            refusal: None,
+            factor: TimeFactor::ONE,
+            language: None,
+            population: Population::People,
+        };
+        links.push(app.store.start(&arrival, run).await.unwrap().link);
+    }
+    let path = format!("/r/{}", links[0]);
+    let page = app.get(&path).await;
+    assert_eq!(page.status, StatusCode::SERVICE_UNAVAILABLE);
+    let withdraw = page.attribute("main a[href$=withdraw]", "href").unwrap();
+    let asked = app.get(&withdraw).await;
+    assert_eq!(asked.status, StatusCode::OK);
+    assert!(asked.html.contains("Stop and withdraw?"));
+    let posted = app.client.post(format!("{}{withdraw}", app.url));
+    let erased = Page::of(posted.send().await.unwrap()).await;
+    assert_eq!(erased.status, StatusCode::OK);
+    assert!(erased.html.contains("Your answers are erased"));
+
+    app.clock.advance(32 * 24 * 60 * 60_000);
+    closing::forget_people(&app.store).await;
+    let gone = app.get(&format!("/r/{}", links[1])).await;
+    assert_eq!(gone.status, StatusCode::NOT_FOUND);
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn more_time_is_asked_for_at_the_start_and_its_timed_answers_are_no_counts() {
+    let (name, text) = study::built_in()[0];
+    let offers = text.replacen("[recruiting]\n", "[recruiting]\nmore_time = true\n", 1);
+    let offers = if offers == text {
+        format!("{text}\n[recruiting]\nmore_time = true\n")
+    } else {
+        offers
+    };
+    for (text, is_offered) in [(offers.as_str(), true), (text, false)] {
+        let file = (name.to_owned(), text.to_owned());
+        let app = App::with(Clock::manual(START), vec![file]).await;
+        let landing = app.get("/s/driving").await;
+        assert_eq!(
+            landing.attribute("select[name=time]", "id").is_some(),
+            is_offered
+        );
+        let action = landing.attribute("main form", "action").unwrap();
+        let press = |time: &'static str| {
+            let button = app.client.post(format!("{}{action}", app.url));
+            button.form(&[("time", time)]).send()
+        };
+        let refused = press("9").await.unwrap().status();
+        if is_offered {
+            assert_eq!(refused, StatusCode::BAD_REQUEST);
+            assert_eq!(press("1.5").await.unwrap().status(), StatusCode::OK);
+        }
+        let runs = app
+            .store
+            .moment()
+            .await
+            .unwrap()
+            .participants(
+                &"driving".into(),
+                Population::People,
+                0.into(),
+                i64::MAX.into(),
+                10,
+            )
+            .await
+            .unwrap();
+        let expected = if is_offered { 1.5 } else { 1.0 };
+        assert_eq!(runs[0].time_factor, expected);
+        let longer = app
+            .store
+            .runs_with_more_time(&"driving".into(), Population::People)
+            .await
+            .unwrap();
+        assert_eq!(longer.is_empty(), !is_offered);
+        let overview = app.get("/studies/driving").await;
+        assert_eq!(overview.html.contains("1.5 times as long"), is_offered);
+        app.stop().await;
+    }
 }

@@ -185,7 +185,7 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
             .contains(said)
     );
 
-    // Another fine, or another prior, makes it another study: the rule has not been reached in that one.
+    // Another fine, time limit or prior makes it another study: the rule has not been reached in that one.
     let changed = |from: &str, to: &str| {
         let mut files = driving(RULE);
         assert!(files[0].1.contains(from));
@@ -194,6 +194,7 @@ async fn a_rule_is_announced_at_the_first_look_that_reaches_it() {
     };
     for files in [
         changed("\nfine = 50 ", "\nfine = 60 "),
+        changed("limit_s = 8 ", "limit_s = 4 "),
         changed("weighting = \"monotone\"", "weighting = \"paper-range\""),
     ] {
         let other = Catalogue::publish(&app.store, files).await.unwrap();
@@ -337,5 +338,60 @@ async fn a_blind_study_shows_who_took_part_and_nothing_else() {
         assert_eq!(status, StatusCode::OK, "{path}: {shown}");
     }
     assert!(app.get("/results/driving").await.html.contains("<table"));
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn another_version_of_the_study_is_compared_and_looked_at_anew_without_new_answers() {
+    let (app, catalogue) = start(RULE).await;
+    drives(&app.store, &catalogue, 0..6, 5).await;
+    let _background = Background::start(&app.store, &catalogue);
+    let is_there = async || {
+        until(&app.store, async || {
+            let snapshot = snapshot(&app, &catalogue).await;
+            let looks = snapshot.sequential();
+            snapshot
+                .comparison(&"all".into())
+                .is_some_and(|compared| !compared.is_behind)
+                && looks.is_some_and(|evidence| !evidence.is_behind)
+        })
+        .await;
+    };
+    is_there().await;
+    let (name, text) = driving(RULE).remove(0);
+    let text = text.replace("weighting = \"monotone\"", "weighting = \"paper-range\"");
+    let study = study::Study::parse(&name, &text).unwrap();
+    catalogue.renew(&app.store, study).await.unwrap();
+    let changed = snapshot(&app, &catalogue).await;
+    assert!(changed.comparison(&"all".into()).is_none());
+    is_there().await;
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn after_a_withdrawal_no_fit_starts_from_one_with_the_person() {
+    let (app, catalogue) = start("").await;
+    let _background = Background::start(&app.store, &catalogue);
+    let all_fitted = async || {
+        until(&app.store, async || {
+            let snapshot = snapshot(&app, &catalogue).await;
+            let mut parts = snapshot.fits.iter();
+            parts.all(|part| part.fit.is_some() && !part.is_behind)
+        })
+        .await;
+    };
+    drives(&app.store, &catalogue, 0..3, 2).await;
+    all_fitted().await;
+    drives(&app.store, &catalogue, 3..5, 5).await;
+    all_fitted().await;
+    let from_before = snapshot(&app, &catalogue).await;
+    assert!(from_before.fits.iter().all(|part| part.is_provisional()));
+    app.store
+        .erase(&"driving".into(), Population::People, 1.into())
+        .await
+        .unwrap();
+    all_fitted().await;
+    let without = snapshot(&app, &catalogue).await;
+    assert!(without.fits.iter().all(|part| !part.is_provisional()));
     app.stop().await;
 }

@@ -422,7 +422,8 @@ async fn ids_are_hashed_but_for_the_assignment_and_retention_erases_that_too() {
     assert_ne!(kept["hitId"], "H1");
 
     app.clock.advance(1_000 * 200 * 24 * 60 * 60);
-    app.store.forget_people(&study()).await.unwrap();
+    let version = app.store.study(&study()).await.unwrap().version;
+    app.store.forget_people(&study(), &[version]).await.unwrap();
     assert!(
         app.store
             .recruiting_parameters(run)

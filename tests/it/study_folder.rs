@@ -57,7 +57,14 @@ impl Folder {
         self.folder.publish(&self.store).await.unwrap()
     }
 
+    /// Two looks: a changed file is read once it has stopped changing.
     async fn look(&mut self, catalogue: &Catalogue) {
+        for _ in 0..2 {
+            self.look_once(catalogue).await;
+        }
+    }
+
+    async fn look_once(&mut self, catalogue: &Catalogue) {
         let prepare: Prepare = Arc::new(|_: &Study| Ok(()));
         self.folder
             .look(&self.store, catalogue, &prepare)
@@ -104,6 +111,25 @@ async fn a_changed_file_is_served_to_whoever_starts_afterwards() {
         folder.store.study(&between()).await.unwrap().version,
         second
     );
+}
+
+#[tokio::test]
+async fn a_file_that_is_being_written_is_left_alone_until_it_is_whole() {
+    let mut folder = Folder::with(&[("between.toml", BETWEEN)]).await;
+    let catalogue = folder.publish().await;
+    let before = catalogue.current(&between()).unwrap().0;
+    let whole = BETWEEN.replace("minutes = 2", "minutes = 20");
+    let half = format!("{whole}\n# a remark that makes the first half a study of its own\n");
+    folder.write("between.toml", &whole);
+    folder.look_once(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().0, before);
+    folder.write("between.toml", &half);
+    folder.look_once(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().0, before);
+    folder.look_once(&catalogue).await;
+    assert_eq!(catalogue.current(&between()).unwrap().1.text(), half);
+    let versions = folder.store.study_versions(&between()).await.unwrap();
+    assert_eq!(versions.len(), 2, "what was half there is no version");
 }
 
 #[tokio::test]
@@ -165,6 +191,64 @@ async fn a_second_file_of_a_study_keeps_the_first_one_from_nothing() {
 }
 
 #[tokio::test]
+async fn a_missing_file_hands_no_study_over_to_the_built_in_text() {
+    let own = built_in()[0].1.replace("limit_s = 8", "limit_s = 4");
+    let mut folder = Folder::with(&[("driving.toml", &own)]).await;
+    let driving = StudyId::from("driving");
+    let (version, _) = folder.publish().await.current(&driving).unwrap();
+    std::fs::remove_file(folder.file("driving.toml")).unwrap();
+    // Started again with the empty folder, and without any.
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    let (served, study) = catalogue.current(&driving).unwrap();
+    assert_eq!((served, study.text()), (version, own.as_str()));
+    let files = built_in().into_iter();
+    let files = files.map(|(name, text)| (name.to_owned(), text.to_owned()));
+    let catalogue = Catalogue::publish(&folder.store, files.collect())
+        .await
+        .unwrap();
+    assert_eq!(catalogue.current(&driving).unwrap().0, version);
+    let stored = folder.store.study(&driving).await.unwrap();
+    assert_eq!(stored.version, version);
+
+    // The lab goes back to the built-in text by a file of its own.
+    folder.write("driving.toml", built_in()[0].1);
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies"));
+    let catalogue = folder.publish().await;
+    assert_eq!(
+        catalogue.current(&driving).unwrap().1.text(),
+        built_in()[0].1
+    );
+}
+
+#[tokio::test]
+async fn a_newer_built_in_text_replaces_an_earlier_one_only() {
+    let (name, newer) = built_in()[0];
+    let driving = StudyId::from("driving");
+    let earlier = Study::parse(name, &newer.replace("limit_s = 8", "limit_s = 4")).unwrap();
+    for is_built_in in [true, false] {
+        let mut folder = Folder::with(&[]).await;
+        let (hash, text) = (earlier.hash(), earlier.text());
+        let store = &folder.store;
+        // As an earlier program left it; where a file had the same text at any time, it is the lab's.
+        store
+            .publish_built_in(&driving, hash, text, StudyState::Open, None)
+            .await
+            .unwrap();
+        if !is_built_in {
+            store
+                .publish(&driving, hash, text, StudyState::Open, None)
+                .await
+                .unwrap();
+        }
+        let catalogue = folder.publish().await;
+        let served = catalogue.current(&driving).unwrap().1;
+        let expected = if is_built_in { newer } else { text };
+        assert_eq!(served.text(), expected);
+    }
+}
+
+#[tokio::test]
 async fn a_refused_file_stays_refused_when_it_is_only_touched() {
     let mut folder = Folder::with(&[]).await;
     let catalogue = folder.publish().await;
@@ -176,11 +260,13 @@ async fn a_refused_file_stays_refused_when_it_is_only_touched() {
         touched
             .set_modified(SystemTime::UNIX_EPOCH + Duration::from_secs(second))
             .unwrap();
-        folder
-            .folder
-            .look(&folder.store, &catalogue, &refuses)
-            .await
-            .unwrap();
+        for _ in 0..2 {
+            folder
+                .folder
+                .look(&folder.store, &catalogue, &refuses)
+                .await
+                .unwrap();
+        }
         assert_eq!(catalogue.file_errors().len(), 1, "look {second}");
     }
     let touched = std::fs::File::options().append(true).open(&file).unwrap();

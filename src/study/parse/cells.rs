@@ -8,7 +8,6 @@ use crate::study::{ActionLabel, Cell};
 /// A question that belongs to a cell, and where it stands.
 pub(super) struct AskedCell {
     cell: Cell,
-    limit_ms: Option<u64>,
     at: KeyPath,
 }
 
@@ -33,6 +32,7 @@ impl AskedCell {
             levels: question.levels.clone(),
             fitted: question.role == Role::Fitted,
             problem: question.problem.clone(),
+            limit_ms,
             actions: question
                 .actions
                 .iter()
@@ -44,7 +44,6 @@ impl AskedCell {
         };
         Some(Self {
             cell,
-            limit_ms,
             at: at.clone(),
         })
     }
@@ -73,7 +72,7 @@ fn check_same(earlier: &AskedCell, again: &AskedCell) -> Result<(), Fault> {
             "with another choice problem",
             "one choice problem per cell: a factor for what differs",
         )
-    } else if earlier.limit_ms != again.limit_ms {
+    } else if earlier.cell.limit_ms != again.cell.limit_ms {
         (
             "with another time limit",
             "one time limit per cell: a factor for what differs",

@@ -391,6 +391,7 @@ impl BlockReader<'_> {
             question: QuestionId::from(draft.id.as_str()),
             label,
             problem: problem.clone(),
+            limit_ms: self.limit_ms,
             optimal,
         })
     }

@@ -7,7 +7,7 @@ use super::rules;
 use crate::study::document::{Fault, KeyPath};
 use crate::study::file::{RawIds, RawMturk, RawRecruiting};
 use crate::study::recruiting::mturk;
-use crate::study::{Mturk, Recruiting, RecruitingIds, Timestamp};
+use crate::study::{Mturk, Recruiting, RecruitingIds, Study, Timestamp};
 
 const MOST_PEOPLE: u32 = 1_000_000;
 /// A week.
@@ -21,6 +21,17 @@ const USUAL_TIMES: u32 = 6;
 enum Day {
     Begin,
     End,
+}
+
+impl Study {
+    /// Until when the text of a study file lets people withdraw. It needs no more than this key to be readable: what people
+    /// were promised holds also where a later program refuses the rest of the file.
+    pub fn retention_in(text: &str) -> Option<Timestamp> {
+        let file: toml::Table = text.parse().ok()?;
+        let found = file.get("recruiting")?.get("retention")?.as_datetime()?;
+        let path = KeyPath::root().key("recruiting").key("retention");
+        date(Some(*found), Day::End, &path).ok()?
+    }
 }
 
 /// Reads `[recruiting]`. Where places are counted, an unfinished run has to give its own back some time.
@@ -82,6 +93,7 @@ pub(super) fn read(
             .map(|minutes| i64::from(minutes) * 60_000),
         retention,
         filters: raw.filters.clone(),
+        more_time: raw.more_time,
         mturk: read_mturk(&raw.mturk, &path.key("mturk"))?,
     })
 }

@@ -12,6 +12,11 @@ impl Words {
         fill(&self.about_minutes, &[("minutes", minutes)])
     }
 
+    pub(crate) fn times_as_long(&self, times: &str) -> String {
+        let times = times.replace('.', &self.decimal_mark);
+        fill(&self.times_as_long, &[("times", &times)])
+    }
+
     pub(crate) fn question_place(&self, number: &usize, of: &usize) -> String {
         fill(&self.question_place, &[("number", number), ("of", of)])
     }

@@ -215,6 +215,7 @@ pub(super) async fn one(
         let result = FitReport::read(&fit).map(|report| {
             let FitReport {
                 problems,
+                limits: _,
                 counts,
                 summary,
                 accuracy,

@@ -50,15 +50,15 @@ struct Participant {
     condition: Option<String>,
     /// The label of their link.
     source: Option<String>,
-    /// RFC 3339; null where an import did not tell.
+    /// RFC 3339; null for withdrawn people, and where an import did not tell.
     started_at: Option<String>,
-    /// RFC 3339; null while they are under way, and where an import did not tell.
+    /// RFC 3339; null while they are under way, for withdrawn people, and where an import did not tell.
     finished_at: Option<String>,
     /// Steps that were closed.
     answered: u64,
     /// Steps that their run has, the last page left out. Nothing is left of withdrawn people.
     steps: u64,
-    /// What is notable; it excludes nobody by itself.
+    /// What is notable; it excludes nobody by itself. Nothing is said about withdrawn people.
     flags: Vec<Flag>,
     /// Why they are left out of the analysis: flags of the study's rule joined by spaces, and `by hand: ` with a reason,
     /// joined by `; `. Null where they are not.

@@ -3,14 +3,16 @@
 use std::{collections::BTreeMap, sync::Arc};
 
 use axum::{
-    extract::{Path, Query, State},
+    extract::{Form, Path, Query, State, rejection::FormRejection},
     http::{HeaderMap, StatusCode},
     response::{IntoResponse, Redirect, Response},
 };
 
+use serde::Deserialize;
+
 use super::{
     Looking, device, framed, language,
-    pages::{Door, LandingPage, NotePage},
+    pages::{Door, LandingPage, MORE_TIME, NotePage},
     recruiting, trouble,
 };
 use crate::{
@@ -157,13 +159,12 @@ async fn landed(
 
 /// POST `/s/STUDY/a/TOKEN`: starts the run, or leads back to the one that this person has.
 pub(super) async fn start(
-    State(store): State<Store>,
-    State(catalogue): State<Arc<Catalogue>>,
-    State(chance): State<Chance>,
-    State(settings): State<Arc<Settings>>,
+    (State(store), State(catalogue)): (State<Store>, State<Arc<Catalogue>>),
+    (State(chance), State(settings)): (State<Chance>, State<Arc<Settings>>),
     Path((study, token)): Path<(StudyId, String)>,
     Query(query): Query<BTreeMap<String, String>>,
     headers: HeaderMap,
+    form: Result<Form<StartForm>, FormRejection>,
 ) -> Result<Response, Error> {
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let language = chosen(&served, &query);
@@ -182,7 +183,7 @@ pub(super) async fn start(
         quota: served.recruiting().quota,
         time_limit_ms: served.recruiting().time_limit_ms,
         refusal: refusal(&store, &served, &headers),
-        factor: TimeFactor::ONE,
+        factor: asked_time(&served, time_in(form)?.as_deref())?,
         population: settings.population,
         language: language.clone(),
     };
@@ -198,6 +199,40 @@ pub(super) async fn start(
         }
     };
     Ok(framed(&served, led_on))
+}
+
+/// What is chosen on the landing page.
+#[derive(Deserialize)]
+pub(super) struct StartForm {
+    time: Option<String>,
+}
+
+/// What a form says of time; nothing where no form was sent.
+fn time_in(form: Result<Form<StartForm>, FormRejection>) -> Result<Option<String>, Error> {
+    match form {
+        Ok(Form(form)) => Ok(form.time),
+        Err(FormRejection::InvalidFormContentType(_)) => Ok(None),
+        Err(rejection) => Err(Error::BadRequest(format!(
+            "the form could not be read: {rejection}"
+        ))),
+    }
+}
+
+/// How much time somebody asked for, where the study lets them.
+fn asked_time(study: &Study, asked: Option<&str>) -> Result<TimeFactor, Error> {
+    let Some(asked) = asked.filter(|_| study.recruiting().more_time) else {
+        return Ok(TimeFactor::ONE);
+    };
+    let times: Option<f64> = MORE_TIME
+        .contains(&asked)
+        .then(|| asked.parse().ok())
+        .flatten();
+    times
+        .and_then(|times| TimeFactor::new(times).ok())
+        .ok_or_else(|| {
+            let allowed = MORE_TIME.join(", ");
+            Error::BadRequest(format!("field time must be one of {allowed}"))
+        })
 }
 
 /// The language that an address names.

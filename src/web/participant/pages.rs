@@ -76,6 +76,8 @@ pub(super) struct LandingPage {
     summary: String,
     minutes: u32,
     study: String,
+    /// How much more time can be asked for: what is sent, and what is read.
+    times: Vec<(&'static str, String)>,
     door: Door,
 }
 
@@ -119,10 +121,32 @@ impl LandingPage {
             summary: study.summary().to_owned(),
             minutes: study.minutes(),
             study: study.id().to_string(),
+            times: times(study),
             door,
         }
     }
 }
+
+/// What can be chosen of time, the usual one first; nothing where no question has a limit or the study offers no more.
+fn times(study: &Study) -> Vec<(&'static str, String)> {
+    let mut cells = study.cells().iter().map(|cell| cell.limit_ms);
+    let mut baseline = study.baseline().iter().map(|question| question.limit_ms);
+    let has_limit = cells.any(|limit| limit.is_some()) || baseline.any(|limit| limit.is_some());
+    if !study.recruiting().more_time || !has_limit {
+        return Vec::new();
+    }
+    let words = study.words();
+    MORE_TIME
+        .iter()
+        .map(|time| match *time {
+            "1" => ("1", words.usual_time.clone()),
+            time => (time, words.times_as_long(time)),
+        })
+        .collect()
+}
+
+/// How many times the usual time can be had.
+pub(super) const MORE_TIME: [&str; 3] = ["1", "1.5", "2"];
 
 #[derive(Template, WebTemplate)]
 #[template(path = "participant/consent.html")]
@@ -452,6 +476,14 @@ pub(super) struct WithdrawPage {
     pub token: Token,
     /// Whether the run is over, so that its person cannot begin again.
     pub has_ended: bool,
+}
+
+#[derive(Template, WebTemplate)]
+#[template(path = "participant/unreadable.html")]
+pub(super) struct UnreadablePage {
+    pub words: Words,
+    pub token: Token,
+    pub is_owner: bool,
 }
 
 /// A drawn scene, to stand inside the page, told in the page's language to whoever does not see it.

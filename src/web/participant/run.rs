@@ -14,12 +14,12 @@ use serde::Serialize;
 use super::{
     Looking,
     arrival::{in_language, read_token},
-    framed,
+    framed, language,
     pages::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
         ReplaysPage, RunLink, scene,
     },
-    withdrawal::withdrawn,
+    withdrawal::{unreadable, withdrawn},
 };
 use crate::{
     chance::Chance,
@@ -37,11 +37,25 @@ pub(super) async fn current(
     _: Looking,
     State(pages): State<RunPages>,
     Path(token): Path<String>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
     let run = pages.store.visit(&token).await?;
-    let study = pages.study(&run)?;
-    let study = in_language(&study, run.language.as_deref());
+    let Some(study) = pages.catalogue.version(run.version) else {
+        tracing::error!(version = %run.version, "a run cannot be shown: the stored text of its study is not readable any more");
+        return Ok(unreadable(&run, token, &headers));
+    };
+    // Of whoever withdrew no language is kept.
+    let language = match run.state {
+        RunState::Withdrawn => language::choose(study.languages(), None, &headers),
+        RunState::Active
+        | RunState::Completed
+        | RunState::Declined
+        | RunState::ScreenedOut
+        | RunState::FailedCheck
+        | RunState::TimedOut => run.language.clone(),
+    };
+    let study = in_language(&study, language.as_deref());
     let page = pages.page(&token, &run, study, Rejected::default()).await;
     Ok(framed(study, page))
 }
@@ -62,7 +76,7 @@ pub(super) async fn answer(
     let study = in_language(&study, run.language.as_deref());
     let answer = match form {
         Ok(Form(fields)) => pages.take(&token, &run, study, &headers, fields).await,
-        Err(rejection) => Err(unreadable(rejection)),
+        Err(rejection) => Err(unreadable_form(rejection)),
     };
     Ok(framed(study, answer))
 }
@@ -109,7 +123,7 @@ fn led_on(
     }
 }
 
-fn unreadable(rejection: FormRejection) -> Error {
+fn unreadable_form(rejection: FormRejection) -> Error {
     if rejection.status() == StatusCode::PAYLOAD_TOO_LARGE {
         return Error::TooLarge {
             allowed: super::FORM_LIMIT,

@@ -125,7 +125,7 @@ fn choices(cells: &[Cell], counts: &[SourceCount]) -> Vec<SourceChoices> {
         let Some(first) = cell.actions.first() else {
             continue;
         };
-        let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
+        let asked = AskedProblem::of(cell);
         for source in &sources {
             let of_cell = counts.iter().filter(|count| {
                 count.source.as_deref() == *source

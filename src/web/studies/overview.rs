@@ -66,6 +66,17 @@ pub(super) async fn show(
         Caller::Account(_) | Caller::Local | Caller::Nobody | Caller::Token(_) => None,
     };
     let completed = store.totals(&study, settings.population).await?.completed;
+    let mut terms = terms(&served);
+    let longer = store
+        .runs_with_more_time(&study, settings.population)
+        .await?;
+    for (times, n) in longer {
+        let people = words::people(n);
+        terms.push((
+            "More time",
+            format!("{people} with {times} times as long; their timed answers are stored and not counted"),
+        ));
+    }
     Ok(OverviewPage {
         state_id: state.as_str(),
         buttons: if head.may_manage {
@@ -73,7 +84,7 @@ pub(super) async fn show(
         } else {
             Vec::new()
         },
-        terms: terms(&served),
+        terms,
         is_public,
         blind: blind(&store, &served, completed, head.may_data).await?,
         progress: Progress::read(&store, settings.population, &served).await?,

@@ -165,3 +165,42 @@ async fn the_doctor_says_what_to_do_about_a_file_that_cannot_be_read_through() {
         assert!(wrong.is_some(), "{what}: {findings:?}");
     }
 }
+
+#[tokio::test]
+async fn nobody_is_logged_in_to_what_was_restored() {
+    let mut lab = Lab::open().await;
+    lab.clock.advance(5_000);
+    lab.start("driving").await;
+    let last = lab.clock.now();
+    lab.clock.advance(5_000);
+    change(
+        &lab.path(),
+        r#"
+        insert into account (id, name, password_hash, role, created_at_ms) values (1, 'ada', '', 'admin', 0);
+        "#,
+    )
+    .await;
+    for statement in [
+        "insert into session select zeroblob(32), 1, 0, 0, 9000000000000000",
+        "insert into api_token (name, token_hash, scopes, created_at_ms, expires_at_ms) select 'r', zeroblob(32), 'data', 0, 0",
+        "insert into api_token (name, token_hash, scopes, created_at_ms, expires_at_ms, revoked_at_ms) select 'gone', randomblob(32), 'data', 0, 0, 1",
+    ] {
+        change(&lab.path(), statement).await;
+    }
+    let folder = TempDir::new().unwrap();
+    let (copy, restored) = (folder.path().join("copy.db"), folder.path().join("new.db"));
+    back_up(&lab.path(), &copy).await.unwrap();
+    let told = restore(&copy, &restored).await.unwrap();
+    assert_eq!(
+        (told.last_event, told.sessions, told.tokens),
+        (Some(last), 1, 1)
+    );
+    let mut raw = SqliteConnection::connect(restored.to_str().unwrap())
+        .await
+        .unwrap();
+    let sessions: i64 = sqlx::query_scalar("select count(*) from session")
+        .fetch_one(&mut raw)
+        .await
+        .unwrap();
+    assert_eq!(sessions, 0);
+}

@@ -315,7 +315,7 @@ fn question(block: &str, question: &str, limit_ms: Option<u64>, cell: Option<&st
             limit_ms,
             data: StepData::default(),
         },
-        asked: cell.map(|cell| AskedProblem::new(cell.to_owned(), None)),
+        asked: cell.map(|cell| AskedProblem::new(cell.to_owned(), None, limit_ms)),
         is_fitted: false,
         is_practice: cell.is_none(),
     }

@@ -542,8 +542,18 @@ async fn runs_without_an_end_and_imported_ones_take_no_place() {
         lab.store.import(&driving, version, "elsewhere", runs).await
     };
     assert_eq!(import().await.unwrap(), 1);
+    // They came to no page of this server, and stopped at none.
+    let people = Population::People;
+    let steps = lab.store.step_progress(&driving, people).await.unwrap();
+    let kinds: Vec<&str> = steps.iter().map(|step| step.kind.as_str()).collect();
+    assert_eq!(kinds, ["consent"], "of the one who is under way here");
+    let median = lab.store.median_duration_ms(&driving, people).await;
+    assert_eq!(median.unwrap(), None);
     // What the retention date erases is links; the same people are still known.
-    lab.store.forget_people(&driving).await.unwrap();
+    lab.store
+        .forget_people(&driving, &[lab.driving])
+        .await
+        .unwrap();
     assert!(matches!(import().await, Err(Error::Refused(_))));
 
     let with_quota = NewRun {

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use riskaware::clock::Clock;
 use riskaware::store::{
-    AnswerKey, FitId, FitKey, FitOutcome, NewFit, Options, Population, Store, StudyState, back_up,
-    restore,
+    AnswerKey, AskedProblem, FitId, FitKey, FitOutcome, NewFit, OpenError, Options, Population,
+    Store, StudyState, back_up, restore,
 };
 use riskaware::study::{Reply, StudyId, Timestamp};
 use sqlx::Connection;
@@ -13,7 +13,7 @@ use sqlx::migrate::Migrator;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use tempfile::TempDir;
 
-use super::lab::{CONSENT, Lab};
+use super::lab::{CONSENT, Lab, START_PAGE};
 
 /// The migrations by number, as they were released.
 const MIGRATIONS: [(&str, &str); 3] = [
@@ -71,6 +71,29 @@ async fn as_schema(version: usize, lab: &Lab, folder: &TempDir) -> PathBuf {
             .await
             .unwrap();
     }
+    // Those schemas told problems apart by their prospects alone.
+    sqlx::raw_sql(
+        r#"
+        create temporary table pooled as
+        select
+            id, substr(hash, 1, instr(hash || ':', ':') - 1) as prospects,
+            min(id) over (partition by study_id, cell, substr(hash, 1, instr(hash || ':', ':') - 1)) as first
+        from problem;
+        update step set problem_id = (select first from pooled where id = problem_id) where problem_id is not null;
+        update answer set problem_id = (select first from pooled where id = problem_id) where problem_id is not null;
+        create temporary table counted as
+        select study_id, is_simulated, first, status, action, sum(n_all), sum(n_completed)
+        from counter join pooled on id = problem_id
+        group by 1, 2, 3, 4, 5;
+        delete from counter;
+        insert into counter select * from counted;
+        delete from problem where id not in (select first from pooled);
+        update problem set hash = (select prospects from pooled where pooled.id = problem.id);
+        "#,
+    )
+    .execute(&mut raw)
+    .await
+    .unwrap();
     raw.close().await.unwrap();
     path
 }
@@ -217,6 +240,11 @@ async fn every_released_schema_keeps_everything() {
         // No column of any table lost a value, and the copy that was kept is the database as it was.
         let copy = folder.path().join("released.db.before-schema-4");
         for (table, columns) in tables(&released).await {
+            // The one column that means something else now; the counts above are found by it.
+            let columns = match table.as_str() {
+                "problem" => columns.replace(r#""hash", "#, ""),
+                _ => columns,
+            };
             let as_it_was = rows(&released, &table, &columns).await;
             assert_eq!(
                 rows(&path, &table, &columns).await,
@@ -295,4 +323,158 @@ async fn a_database_of_a_later_program_is_refused() {
     let told = restore(&later, &target).await.unwrap_err().to_string();
     assert!(told.contains("its schema is 5"), "{told}");
     assert!(!target.exists());
+}
+
+#[tokio::test]
+async fn answers_under_two_limits_are_told_apart_by_the_upgrade() {
+    for version in 1..=MIGRATIONS.len() {
+        let mut lab = Lab::open().await;
+        for (action, limit_ms) in [("stop", 8_000), ("stop", 4_000), ("go", 4_000)] {
+            let mut run = lab.new_run("driving");
+            for step in &mut run.candidates[0].steps {
+                if step.plan.limit_ms.is_some()
+                    && let Some(asked) = &step.asked
+                {
+                    step.plan.limit_ms = Some(limit_ms);
+                    step.asked = Some(AskedProblem::new(asked.cell.clone(), None, Some(limit_ms)));
+                }
+            }
+            let mut person = lab.start_as("driving", run).await;
+            person.says(&lab, CONSENT, Reply::Agreed).await.unwrap();
+            person
+                .says(&lab, START_PAGE, Reply::Continued)
+                .await
+                .unwrap();
+            person.finishes(&lab, action).await;
+        }
+        let driving = StudyId::from("driving");
+        let read = async |store: &Store| {
+            let counts = store
+                .cell_counts(&driving, Population::People)
+                .await
+                .unwrap();
+            let mut counts: Vec<_> = counts
+                .into_iter()
+                .map(|count| {
+                    (
+                        count.cell,
+                        count.hash,
+                        count.action,
+                        count.n_all,
+                        count.n_completed,
+                    )
+                })
+                .collect();
+            counts.sort();
+            counts
+        };
+        let before = read(&lab.store).await;
+        assert_eq!(before.len(), 2 * 3 + 2, "two timed cells, an untimed one");
+        let folder = TempDir::new().unwrap();
+        let path = as_schema(version, &lab, &folder).await;
+        let pooled = rows(&path, "problem", "hash").await;
+        assert_eq!(pooled.len(), 3, "{pooled:?}");
+        let clock = Clock::manual(Timestamp(1_800_000_000_000));
+        let store = Store::open(Options::at(&path), clock).await.unwrap();
+        assert_eq!(read(&store).await, before, "schema {version}");
+        assert_eq!(store.check_answers().await.unwrap(), []);
+        assert_eq!(store.check_counters().await.unwrap(), []);
+        store.close().await;
+    }
+}
+
+#[tokio::test]
+async fn what_a_migration_left_damaged_is_refused_at_every_start() {
+    let (lab, _) = filled().await;
+    let folder = TempDir::new().unwrap();
+    let path = as_schema(3, &lab, &folder).await;
+    let options = SqliteConnectOptions::new()
+        .filename(&path)
+        .foreign_keys(false);
+    let mut raw = SqliteConnection::connect_with(&options).await.unwrap();
+    sqlx::query("update run_token set run_id = 999 where is_owner = 1")
+        .execute(&mut raw)
+        .await
+        .unwrap();
+    raw.close().await.unwrap();
+    let clock = Clock::manual(Timestamp(1_800_000_000_000));
+    for start in 1..=3 {
+        let refused = Store::open(Options::at(&path), clock.clone()).await;
+        let refused = refused.unwrap_err();
+        assert!(
+            matches!(refused, OpenError::BrokenReferences { .. }),
+            "start {start}: {refused}"
+        );
+    }
+    for refused in [
+        Store::open_beside(&path, clock.clone()).await,
+        Store::open_to_read(&path, clock.clone()).await,
+    ] {
+        assert!(matches!(refused.unwrap_err(), OpenError::Unchecked(_)));
+    }
+
+    // The copy that was kept is as it was, and of a sound one nothing is left to check.
+    let sound = TempDir::new().unwrap();
+    let path = as_schema(3, &lab, &sound).await;
+    for _ in 0..2 {
+        let store = Store::open(Options::at(&path), clock.clone())
+            .await
+            .unwrap();
+        store.close().await;
+    }
+    assert!(
+        tables(&path)
+            .await
+            .iter()
+            .all(|(table, _)| table != "unchecked_migration")
+    );
+}
+
+#[tokio::test]
+async fn withdrawals_under_earlier_schemas_lose_their_clocks() {
+    let (lab, _) = filled().await;
+    for version in 1..=MIGRATIONS.len() {
+        let folder = TempDir::new().unwrap();
+        let path = as_schema(version, &lab, &folder).await;
+        let mut raw = SqliteConnection::connect(path.to_str().unwrap())
+            .await
+            .unwrap();
+        sqlx::raw_sql(
+            r#"
+            update run set source = 'poster', started_at_ms = 1700000012345, finished_at_ms = 1700000054321
+            where state = 'withdrawn';
+            update arrival set source = 'poster', created_at_ms = 1700000011111
+            where run_id in (select id from run where state = 'withdrawn');
+            update event set at_ms = 1700000054321 where kind = 'erased';
+            "#,
+        )
+        .execute(&mut raw)
+        .await
+        .unwrap();
+        raw.close().await.unwrap();
+        let clock = Clock::manual(Timestamp(1_800_000_000_000));
+        let store = Store::open(Options::at(&path), clock).await.unwrap();
+        store.close().await;
+        let mut raw = SqliteConnection::connect(path.to_str().unwrap())
+            .await
+            .unwrap();
+        let left: Vec<(Option<String>, i64)> = sqlx::query_as(
+            r#"
+            select source, started_at_ms from run where state = 'withdrawn'
+            union all
+            select source, finished_at_ms from run where state = 'withdrawn'
+            union all
+            select source, created_at_ms from arrival where run_id in (select id from run where state = 'withdrawn')
+            union all
+            select null, at_ms from event where kind = 'erased'
+            "#,
+        )
+        .fetch_all(&mut raw)
+        .await
+        .unwrap();
+        assert_eq!(left.len(), 4);
+        for (source, at_ms) in left {
+            assert_eq!((source, at_ms % 86_400_000), (None, 0), "schema {version}");
+        }
+    }
 }

@@ -3,7 +3,8 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha12Rng;
 use riskaware::store::{
-    AnalysisSet, Error, EventKind, NewArrival, NewRun, Population, RunId, RunState, Store, Token,
+    AnalysisSet, Error, EventKind, NewArrival, NewRun, ParticipantFilter, Population, RunId,
+    RunState, Store, Token,
 };
 use riskaware::study::{NotAdmitted, Reply, StudyId, TimeFactor};
 use sqlx::Connection;
@@ -184,7 +185,10 @@ async fn whoever_withdraws_after_the_end_gets_no_second_try_until_the_retention_
     ));
     arrive(token(901), person("A2")).await.unwrap();
 
-    lab.store.forget_people(&driving).await.unwrap();
+    lab.store
+        .forget_people(&driving, &[lab.driving])
+        .await
+        .unwrap();
     arrive(token(902), person("A1")).await.unwrap();
     lab.check().await;
 }
@@ -215,6 +219,57 @@ async fn the_row_that_stays_tells_neither_condition_nor_clock_nor_more_time() {
     let after = row().await;
     assert_eq!((after.condition, after.time_factor), (None, 1.0));
     assert_eq!(after.started_at.unwrap().0 % 86_400_000, 0);
+}
+
+#[tokio::test]
+async fn neither_a_language_nor_a_clock_is_left_of_whoever_withdrew() {
+    let mut lab = Lab::open().await;
+    lab.clock.advance(12_345);
+    let arrival = NewArrival {
+        language: Some("de".to_owned()),
+        ..NewArrival::default()
+    };
+    let arrival = lab.arrival("driving", arrival).await;
+    let run = lab.new_run("driving");
+    let person = Person::of(&lab.store.start(&arrival, run).await.unwrap());
+    lab.clock.advance(54_321);
+    lab.store.withdraw(&person.link).await.unwrap();
+    let mut raw = SqliteConnection::connect(lab.path().to_str().unwrap())
+        .await
+        .unwrap();
+    let left: Vec<(Option<String>, i64)> = sqlx::query_as(
+        r#"
+        select language, started_at_ms from run
+        union all
+        select language, finished_at_ms from run
+        union all
+        select language, created_at_ms from arrival
+        union all
+        select null, made_at_ms from run_token
+        union all
+        select null, at_ms from event
+        "#,
+    )
+    .fetch_all(&mut raw)
+    .await
+    .unwrap();
+    assert_eq!(left.len(), 5);
+    for (language, at_ms) in left {
+        assert_eq!((language, at_ms % 86_400_000), (None, 0));
+    }
+    let shown = lab
+        .store
+        .participants_before(
+            (&StudyId::from("driving"), Population::People),
+            &ParticipantFilter::default(),
+            (None, &[]),
+            None,
+            10,
+        )
+        .await
+        .unwrap();
+    assert_eq!((shown[0].started_at, shown[0].finished_at), (None, None));
+    assert!(shown[0].flags.is_empty());
 }
 
 #[tokio::test]
@@ -339,4 +394,43 @@ async fn of_somebody_who_declines_no_id_is_kept() {
         lab.store.visit(&person.link).await.unwrap().state,
         RunState::Declined
     );
+}
+
+/// What the server does when it has nothing else to do takes two seconds to begin; this waits for it to be done.
+async fn is_emptied(log: &std::path::Path) -> bool {
+    for _ in 0..100 {
+        if std::fs::metadata(log).unwrap().len() == 0 {
+            return true;
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+    false
+}
+
+#[tokio::test]
+async fn the_write_ahead_log_is_emptied_at_the_start_when_somebody_declines_and_of_arrivals() {
+    let mut lab = Lab::open().await;
+    let log = lab.path().with_extension("db-wal");
+    // Whatever was in the log before this server came, which another program keeps open.
+    lab.store.close().await;
+    let mut other = SqliteConnection::connect(lab.path().to_str().unwrap())
+        .await
+        .unwrap();
+    sqlx::query("update server set created_at_ms = created_at_ms + 1")
+        .execute(&mut other)
+        .await
+        .unwrap();
+    lab.restart().await;
+    assert!(is_emptied(&log).await);
+    other.close().await.unwrap();
+
+    let mut person = lab.start("driving").await;
+    assert!(std::fs::metadata(&log).unwrap().len() > 0);
+    person.says(&lab, CONSENT, Reply::Declined).await.unwrap();
+    assert!(is_emptied(&log).await);
+
+    lab.arrival("driving", NewArrival::default()).await;
+    lab.clock.advance(2 * 24 * 60 * 60 * 1_000);
+    assert_eq!(lab.store.forget_arrivals().await.unwrap(), 1);
+    assert!(is_emptied(&log).await);
 }
