@@ -15,8 +15,8 @@ use tokio_util::sync::CancellationToken;
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
 use super::{
-    Change, Error, accounts, batch, checkpoints, comparisons, fits, import, open, runs, studies,
-    withdraw,
+    Change, Error, accounts, batch, checkpoints, comparisons, fits, import, open, studies,
+    unused_arrivals, withdraw,
 };
 
 /// How many jobs one commit takes at most.
@@ -147,9 +147,9 @@ impl Writer {
                 self.is_second_chance = false;
                 self.health.commit_failed.store(false, Ordering::Release);
                 self.health.commits.fetch_add(1, Ordering::Relaxed);
-                let erased = jobs.iter().any(|job| {
-                    matches!(job, Job::Rare(Rare::Withdraw(..) | Rare::ForgetPeople(..)))
-                });
+                let erased = jobs
+                    .iter()
+                    .any(|job| matches!(job, Job::Rare(rare) if rare.erases()));
                 if erased && self.log != Log::Erased {
                     self.next_truncation = Instant::now() + IDLE;
                 }
@@ -322,12 +322,19 @@ async fn write_rare(
             Ok(Vec::new())
         }
         Rare::ForgetArrivals(before, ticket) => {
-            ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
+            ticket.hold(Ok(unused_arrivals::forget(connection, *before).await?));
             Ok(Vec::new())
         }
         Rare::Account(change, at, ticket) => {
             ticket.hold(accounts::write(connection, change, *at).await?);
             Ok(Vec::new())
+        }
+        Rare::Recorded(recorded, entry, at) => {
+            let changes = Box::pin(write_rare(connection, recorded)).await?;
+            if recorded.is_done() {
+                accounts::append(connection, entry, *at).await?;
+            }
+            Ok(changes)
         }
         Rare::Import(import, ticket) => {
             let (imported, changes) = import::write(connection, import).await?;

@@ -20,6 +20,7 @@ mod exports;
 mod fit;
 mod fit_command;
 mod fit_files;
+mod guard;
 mod import;
 mod languages;
 mod predict;

@@ -21,7 +21,7 @@ use std::net::SocketAddr;
 
 use axum::{
     extract::{MatchedPath, Request, State},
-    http::{HeaderMap, Method},
+    http::{HeaderMap, Method, StatusCode},
     middleware::Next,
     response::{IntoResponse, Redirect, Response},
 };
@@ -30,7 +30,7 @@ pub(super) use self::{
     address::{ClientAddress, PeerAddress},
     cookie::{clear_session, session_token, set_session},
     loopback::cross_site,
-    record::{Recorded, record},
+    record::{Recorded, Written, entry, record},
 };
 pub use self::{
     caller::Caller,
@@ -169,7 +169,6 @@ pub(super) async fn guard(
     if let Err(refusal) = admitted {
         // Whoever is only asked to log in has tried nothing yet, and could fill the log.
         if !matches!(refusal, Refusal::LogIn)
-            && guard.app.limits.may_be_noted(&caller, asked.client)
             && let Err(error) = guard
                 .note(&asked, &caller, AuditOutcome::Refused, None)
                 .await
@@ -182,13 +181,11 @@ pub(super) async fn guard(
     let may_go_away = asked.is_get || asked.route.rule == Rule::Open;
     let handled = async move {
         let response = next.run(request).await;
-        let status = response.status();
-        if status.is_success() || status.is_redirection() {
-            let detail = response.extensions().get::<Recorded>().cloned();
-            if let Err(error) = guard
-                .note(&asked, &caller, AuditOutcome::Done, detail)
-                .await
-            {
+        let extensions = response.extensions();
+        let outcome = outcome(response.status()).filter(|_| extensions.get::<Written>().is_none());
+        if let Some(outcome) = outcome {
+            let recorded = extensions.get::<Recorded>().cloned();
+            if let Err(error) = guard.note(&asked, &caller, outcome, recorded).await {
                 return asked.answer(error.into());
             }
         }
@@ -203,6 +200,17 @@ pub(super) async fn guard(
         .unwrap_or_else(|error| Error::Internal(error.into()).into_response())
 }
 
+/// What the log says of an answer; nothing where the request was no more than a mistake.
+fn outcome(status: StatusCode) -> Option<AuditOutcome> {
+    match status {
+        StatusCode::FORBIDDEN | StatusCode::CONFLICT | StatusCode::UNPROCESSABLE_ENTITY => {
+            Some(AuditOutcome::Refused)
+        }
+        status if status.is_success() || status.is_redirection() => Some(AuditOutcome::Done),
+        _ => None,
+    }
+}
+
 impl Guard {
     /// Who asks, and whether they are let. The outer error is one that says nothing about rights.
     async fn admit(
@@ -211,9 +219,12 @@ impl Guard {
         headers: &HeaderMap,
     ) -> Result<(Caller, Result<(), Refusal>), Refusal> {
         let limits = &self.app.limits;
-        if !asked.is_get {
-            limits.check_post(asked.route, asked.without_query(), asked.client)?;
-        }
+        limits.check_participant(
+            asked.route,
+            asked.is_get,
+            asked.without_query(),
+            asked.client,
+        )?;
         let need = match asked.route.rule {
             Rule::Open => return Ok((Caller::Nobody, Ok(()))),
             Rule::Greets => {
@@ -243,7 +254,7 @@ impl Guard {
         need: Option<Need>,
         headers: &HeaderMap,
     ) -> Result<(), Refusal> {
-        let is_local = loopback::is_local(headers, self.listener);
+        let is_local = loopback::is_local(headers, self.listener, &self.app.settings);
         let is_let = match need {
             Some(Need::Results | Need::Data) => is_local || self.app.settings.open_results,
             Some(Need::Manage) => is_local,
@@ -353,7 +364,8 @@ impl Guard {
             && answered.all(|n| n == 0 || n >= LEAST_PEOPLE_IN_PUBLIC))
     }
 
-    /// Writes down what is to be written down of this route.
+    /// Writes down what is to be written down of this route: refusals only so many a minute, because the log is never
+    /// shortened.
     async fn note(
         &self,
         asked: &Asked,
@@ -373,7 +385,11 @@ impl Guard {
                 is_blind().is_some() && (asked.is_api() || !asked.is_for_scripts())
             }
         };
-        if !is_noted {
+        let may_be_noted = || match outcome {
+            AuditOutcome::Done => true,
+            AuditOutcome::Refused => self.app.limits.may_be_noted(caller, asked.client),
+        };
+        if !is_noted || !may_be_noted() {
             return Ok(());
         }
         let action = recorded

@@ -82,7 +82,7 @@ pub const ROUTES: &[Route] = &[
     route("/static/{version}/{*path}", Rule::Open, ""),
     route("/replays/{id}", Rule::Open, ""),
     // Participants.
-    route("/s/{study}", Rule::Open, ""),
+    limited("/s/{study}", Limited::Arrival),
     limited("/s/{study}/a/{token}", Limited::Start),
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
@@ -139,6 +139,7 @@ pub const ROUTES: &[Route] = &[
         ADMIN,
         "set a one-time password",
     ),
+    route("/admin/tokens/{token}/revoke", ADMIN, "revoke a token"),
     route("/admin/audit", ADMIN, "look at the log"),
     // The description of the API, which tells nothing of any study.
     route("/api/v1/openapi.json", Rule::Open, ""),
