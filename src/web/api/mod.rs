@@ -18,7 +18,7 @@ mod version;
 use std::sync::Arc;
 
 use axum::{
-    Router,
+    Extension, Router,
     extract::State,
     response::{IntoResponse, Response},
     routing::get,
@@ -34,7 +34,9 @@ use self::{
     version::Asked,
 };
 use super::{
-    ApiError, AppState, Error, Settings, events,
+    ApiError, AppState, Error, Settings,
+    access::{Caller, Need},
+    events,
     results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
 };
 use crate::{
@@ -164,8 +166,8 @@ struct StudyDetail {
     entry: StudyEntry,
     cells: Vec<CellEntry>,
     plans: Vec<PlanEntry>,
-    /// The study file.
-    file: String,
+    /// The study file, which holds completion codes and the answers of checks: null without the scope `data`.
+    file: Option<String>,
 }
 
 #[derive(Serialize, utoipa::ToSchema)]
@@ -213,11 +215,13 @@ async fn one(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
+    Extension(caller): Extension<Caller>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
     let entry = entry(&store, &settings, &study).await?;
     let version = entry.version();
+    let shows_file = caller.may(Need::Data);
     let detail = StudyDetail {
         entry,
         cells: study
@@ -239,9 +243,9 @@ async fn one(
                 parts: plan.parts.iter().map(|part| part.id.to_string()).collect(),
             })
             .collect(),
-        file: study.text().to_owned(),
+        file: shows_file.then(|| study.text().to_owned()),
     };
-    asked.decided_by(version, || Ok(detail))
+    asked.decided_by(format!("{version} {shows_file}"), || Ok(detail))
 }
 
 impl StudyEntry {

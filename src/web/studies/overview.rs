@@ -20,14 +20,12 @@ use super::{
     words,
 };
 use crate::{
-    store::{AuditOutcome, AuditRow, Store},
+    store::{AuditRow, Store},
     study::{Study, StudyId},
 };
 
 /// How many looks at a blind study are listed.
-const LOOKS: usize = 10;
-/// How far back in the log they are searched for.
-const LOG_ROWS: u32 = 2_000;
+const LOOKS: u32 = 10;
 
 #[derive(Template, WebTemplate)]
 #[template(path = "studies/overview.html")]
@@ -48,8 +46,8 @@ struct BlindState {
     until: String,
     /// How many are missing, in words; empty once results are shown.
     missing: String,
-    /// Who looked: when, who, what, outcome.
-    looks: Vec<[String; 4]>,
+    /// Who looked: when, who, what.
+    looks: Vec<[String; 3]>,
 }
 
 /// GET `/studies/STUDY`.
@@ -130,15 +128,8 @@ async fn blind(
         return Ok(None);
     };
     let looks = if may_see_looks {
-        let rows = store.audit(None, LOG_ROWS).await?;
-        rows.into_iter()
-            .filter(|row| row.entry.study.as_ref() == Some(study.id()))
-            // Watching how a study goes shows nothing of its results.
-            .filter(|row| row.entry.action.starts_with("look at"))
-            .filter(|row| row.entry.action != "look at the participants")
-            .take(LOOKS)
-            .map(look)
-            .collect()
+        let rows = store.looks_at(study.id(), LOOKS).await?;
+        rows.into_iter().map(look).collect()
     } else {
         Vec::new()
     };
@@ -153,14 +144,6 @@ async fn blind(
     }))
 }
 
-fn look(row: AuditRow) -> [String; 4] {
-    [
-        words::moment(row.at),
-        row.entry.actor,
-        row.entry.action,
-        match row.entry.outcome {
-            AuditOutcome::Done => "let".to_owned(),
-            AuditOutcome::Refused => "refused".to_owned(),
-        },
-    ]
+fn look(row: AuditRow) -> [String; 3] {
+    [words::moment(row.at), row.entry.actor, row.entry.action]
 }
