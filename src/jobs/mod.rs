@@ -13,7 +13,7 @@
 //! * [`refit`], [`evidence`], [`closing`]: the background tasks;
 //! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
-//!   `known_fits` the fits that were read for it.
+//!   `known_fits` the fits that were read for it; [`Released`] is what strangers see of it.
 //!
 //! A final fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
 //! the hashes alone, also after a restart. A provisional fit shows what it will say while answers keep coming.
@@ -33,6 +33,7 @@ mod looks;
 mod plan_comparison;
 mod quiet;
 pub mod refit;
+mod released;
 mod snapshot;
 mod snapshot_cache;
 mod study_folder;
@@ -45,10 +46,11 @@ pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
 pub use plan_comparison::PlanComparison;
+pub use released::Released;
 pub use snapshot::{Blind, NotFinal, PartFit, PartState, Snapshot, Version};
 pub use study_folder::{FolderError, Prepare, StudyFolder};
 pub use sweep_problems::{SweptProblem, swept_problems};
-pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
+pub use sweeps::{Asker, SweepInput, SweepResult, SweepState, Sweeps};
 
 use std::sync::Arc;
 

@@ -29,6 +29,8 @@ use crate::model::{ChoiceModel, ChoiceProblem};
 
 /// Sweeps that may wait for their turn.
 const QUEUE: usize = 8;
+/// How many of these places strangers may take.
+const QUEUE_OF_STRANGERS: usize = 2;
 /// Finished sweeps that are kept.
 const KEPT: usize = 64;
 
@@ -136,6 +138,15 @@ impl SweepInput {
     }
 }
 
+/// Who asks for a sweep.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asker {
+    /// Somebody with an account or a token, or whoever sits at this machine.
+    Known,
+    /// Anybody, of a public study: finds no place where researchers might need it.
+    Stranger,
+}
+
 /// How far a sweep is.
 #[derive(Debug, Clone)]
 pub enum SweepState {
@@ -182,7 +193,7 @@ impl Sweeps {
     }
 
     /// The sweep of this input: finished, or on its way from now on.
-    pub fn ask(&self, input: &SweepInput) -> SweepState {
+    pub fn ask(&self, input: &SweepInput, asker: Asker) -> SweepState {
         let mut shared = self.lock();
         let of = input.fits();
         match shared.finished.get(&input.hash) {
@@ -204,10 +215,14 @@ impl Sweeps {
             .queue
             .iter()
             .position(|other| other.hash == input.hash);
+        let places = match asker {
+            Asker::Known => QUEUE,
+            Asker::Stranger => QUEUE_OF_STRANGERS,
+        };
         let place = match waiting {
             Some(place) => place,
             // Whoever asks again gets a place once there is one.
-            None if shared.queue.len() >= QUEUE => QUEUE,
+            None if shared.queue.len() >= places => QUEUE,
             None => {
                 shared.queue.push_back(input.clone());
                 shared.queue.len() - 1
@@ -331,7 +346,7 @@ mod tests {
 
     fn wait(sweeps: &Sweeps, input: &SweepInput) -> Arc<SweepResult> {
         loop {
-            match sweeps.ask(input) {
+            match sweeps.ask(input, Asker::Known) {
                 SweepState::Ready(result) => return result,
                 SweepState::Running { .. } => std::thread::yield_now(),
                 SweepState::Failed(message) => panic!("{message}"),
@@ -342,7 +357,7 @@ mod tests {
     #[test]
     fn a_sweep_is_computed_once_and_kept() {
         let sweeps = Sweeps::new(CancellationToken::new());
-        let first = sweeps.ask(&input(2));
+        let first = sweeps.ask(&input(2), Asker::Known);
         assert!(
             matches!(
                 first,
@@ -367,20 +382,40 @@ mod tests {
         // Nobody works the queue off.
         let sweeps = Sweeps::new(stop);
         for (ahead, n) in (2..2 + QUEUE as u64).enumerate() {
-            let state = sweeps.ask(&input(n));
+            let state = sweeps.ask(&input(n), Asker::Known);
             assert!(
                 matches!(state, SweepState::Running { ahead: found, .. } if found == ahead),
                 "{state:?}"
             );
         }
         for n in [99, 100] {
-            let state = sweeps.ask(&input(n));
+            let state = sweeps.ask(&input(n), Asker::Known);
             assert!(
                 matches!(state, SweepState::Running { ahead: QUEUE, .. }),
                 "{state:?}"
             );
         }
         assert_eq!(sweeps.lock().queue.len(), QUEUE);
-        assert!(matches!(sweeps.ask(&input(2)), SweepState::Running { .. }));
+        assert!(matches!(
+            sweeps.ask(&input(2), Asker::Known),
+            SweepState::Running { .. }
+        ));
+    }
+
+    #[test]
+    fn strangers_leave_places_for_researchers() {
+        // Once it has stopped nothing is computed, and what is asked for waits.
+        let stop = CancellationToken::new();
+        stop.cancel();
+        let sweeps = Sweeps::new(stop);
+        let ahead = |n, asker| match sweeps.ask(&input(n), asker) {
+            SweepState::Running { ahead, .. } => ahead,
+            SweepState::Ready(_) | SweepState::Failed(_) => panic!("it cannot be over"),
+        };
+        assert_eq!(ahead(10, Asker::Stranger), 0);
+        assert_eq!(ahead(20, Asker::Stranger), 1);
+        assert_eq!(ahead(30, Asker::Stranger), QUEUE, "no place");
+        assert_eq!(ahead(40, Asker::Known), 2);
+        assert_eq!(ahead(10, Asker::Stranger), 0, "it is waited for already");
     }
 }

@@ -4,3 +4,5 @@ mod credentials;
 mod lab;
 mod limits;
 mod log;
+mod strangers;
+mod wire;

@@ -17,12 +17,17 @@ pub(in crate::web) struct ClientAddress {
 }
 
 impl ClientAddress {
-    #[cfg(test)]
-    pub(super) fn at(address: &str) -> Self {
+    /// Whoever is at the other end of a connection.
+    pub(in crate::web) fn of_peer(address: IpAddr) -> Self {
         Self {
-            address: address.parse().expect("an address"),
+            address,
             is_forwarded: false,
         }
+    }
+
+    #[cfg(test)]
+    pub(super) fn at(address: &str) -> Self {
+        Self::of_peer(address.parse().expect("an address"))
     }
 
     /// Whoever sits at this machine. A proxy here that was not named stands for everybody.
@@ -31,7 +36,7 @@ impl ClientAddress {
     }
 
     /// What limits count by: one IPv6 network of a household or a campus, not each of its endless addresses.
-    pub(super) fn counted_as(self) -> IpAddr {
+    pub(in crate::web) fn counted_as(self) -> IpAddr {
         match self.address {
             IpAddr::V4(_) => self.address,
             IpAddr::V6(address) => match address.to_ipv4_mapped() {

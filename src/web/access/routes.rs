@@ -52,6 +52,13 @@ pub struct Route {
     pub(super) limited: Option<Limited>,
 }
 
+impl Route {
+    /// Whether participants use it. What they send is stored or not, whoever waits for the answer.
+    pub(super) fn is_for_participants(&self) -> bool {
+        self.path.starts_with("/s/") || self.path.starts_with("/r/")
+    }
+}
+
 const fn route(path: &'static str, rule: Rule, action: &'static str) -> Route {
     Route {
         path,
@@ -397,6 +404,14 @@ mod tests {
             };
             assert!(is_named, "{}", route.path);
         }
+    }
+
+    #[test]
+    fn forms_of_accounts_are_no_forms_of_participants() {
+        for path in ["/login", "/setup/{token}", "/account/password"] {
+            assert!(!find(path).unwrap().is_for_participants(), "{path}");
+        }
+        assert!(find("/r/{token}").unwrap().is_for_participants());
     }
 
     #[test]

@@ -29,20 +29,18 @@ use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 pub use self::document::document;
-use self::{
-    extract::{Path, Query},
-    version::Asked,
-};
+pub(super) use self::extract::Query;
+use self::{extract::Path, version::Asked};
 use super::{
     ApiError, AppState, Error, Settings,
-    access::{Caller, Need},
+    access::{Caller, ClientAddress, Need, Reader},
     events,
-    results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
+    results::{self, Accuracy, Comparison, Curves, PlanQuery, Sequential, Summary},
 };
 use crate::{
     jobs::Catalogue,
     store::{Store, StudyState},
-    study::{PlanId, Study, StudyId},
+    study::{Study, StudyId},
 };
 
 pub(super) fn router() -> Router<AppState> {
@@ -111,15 +109,6 @@ pub(super) type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct NoQuery {}
-
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct PlanQuery {
-    /// A plan of the study, as `/studies/STUDY` lists them.
-    #[param(value_type = Option<String>, nullable = false)]
-    plan: Option<PlanId>,
-}
 
 /// The path of a study.
 #[derive(IntoParams)]
@@ -285,11 +274,14 @@ fn served(catalogue: &Catalogue, study: &StudyId) -> Result<Arc<Study>, Error> {
 )]
 async fn summary(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader
+        .snapshot(&store, &catalogue, &settings, &study)
+        .await?;
     asked.of(&snapshot, || Ok(Summary::new(&snapshot)))
 }
 
@@ -301,11 +293,12 @@ async fn summary(
 )]
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(query): Query<results::CurvesQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     asked.of(&snapshot, || Ok(query.curves(&snapshot)?))
 }
 
@@ -317,11 +310,12 @@ async fn curves(
 )]
 async fn accuracy(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::plan(&snapshot, plan.as_ref())?;
     asked.of(&snapshot, || Ok(Accuracy::new(&snapshot, plan)))
 }
@@ -334,11 +328,12 @@ async fn accuracy(
 )]
 async fn comparison(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::coarse_plan(&snapshot, plan.as_ref())?;
     asked.of(&snapshot, || Ok(Comparison::new(&snapshot, plan)))
 }
@@ -351,17 +346,19 @@ async fn comparison(
 )]
 async fn sequential(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     asked.of(&snapshot, || Ok(Sequential::new(&snapshot)))
 }
 
 /// The current version at once, then each that follows (server-sent events).
 ///
-/// A slow reader skips versions. At most 256 streams are open at a time.
+/// A slow reader skips versions. At most 256 streams are open at a time. Without a token a public study tells the version that is
+/// released, and no other.
 #[utoipa::path(
     get, path = "/studies/{study}/events", tag = "events", params(StudyPath),
     responses((status = 200, description = "Events named `version`, one for each version; the stream does not end by itself", content((events::VersionEvent = "text/event-stream")))),
@@ -369,13 +366,18 @@ async fn sequential(
 )]
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     State(stop): State<CancellationToken>,
+    Extension(client): Extension<ClientAddress>,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
-    Ok(
-        events::stream(store, &catalogue, settings.population, study, stop)
-            .await?
-            .into_response(),
+    Ok(events::stream(
+        (store, &catalogue, settings.population),
+        study,
+        (&reader, client),
+        stop,
     )
+    .await?
+    .into_response())
 }

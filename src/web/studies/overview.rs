@@ -20,7 +20,8 @@ use super::{
     words,
 };
 use crate::{
-    store::{AuditRow, Store},
+    jobs::Blind,
+    store::{AuditRow, Store, Totals},
     study::{Study, StudyId},
 };
 
@@ -63,7 +64,7 @@ pub(super) async fn show(
         Caller::Account(_) if caller.may(Need::Manage) => Some(store.is_public(&study).await?),
         Caller::Account(_) | Caller::Local | Caller::Nobody | Caller::Token(_) => None,
     };
-    let completed = store.totals(&study, settings.population).await?.completed;
+    let people = store.totals(&study, settings.population).await?;
     Ok(OverviewPage {
         state_id: state.as_str(),
         buttons: if head.may_manage {
@@ -73,7 +74,7 @@ pub(super) async fn show(
         },
         terms: terms(&served),
         is_public,
-        blind: blind(&store, &served, completed, head.may_data).await?,
+        blind: blind(&store, &served, &people, head.may_data).await?,
         progress: Progress::read(&store, settings.population, &served).await?,
         head,
     })
@@ -121,7 +122,7 @@ fn terms(study: &Study) -> Vec<(&'static str, String)> {
 async fn blind(
     store: &Store,
     study: &Study,
-    completed: u64,
+    people: &Totals,
     may_see_looks: bool,
 ) -> Result<Option<BlindState>, Error> {
     let Some(until) = study.blind_until() else {
@@ -135,10 +136,10 @@ async fn blind(
     };
     Ok(Some(BlindState {
         until: words::people(until),
-        missing: match until.saturating_sub(completed) {
-            0 => String::new(),
-            1 => "1 person is missing".to_owned(),
-            missing => format!("{} are missing", words::people(missing)),
+        missing: match Blind::of(study, people).map(|blind| blind.until - blind.completed) {
+            None => String::new(),
+            Some(1) => "1 person is missing".to_owned(),
+            Some(missing) => format!("{} are missing", words::people(missing)),
         },
         looks,
     }))

@@ -19,6 +19,7 @@ use super::{
     },
     Head, Parts, current, words,
 };
+use crate::web::query;
 use crate::{
     store::{Flag, ParticipantFilter, RunId, RunState, WatchedParticipant},
     study::StudyId,
@@ -187,7 +188,7 @@ impl ParticipantsQuery {
         ]
         .iter()
         .filter(|(_, value)| !value.is_empty())
-        .map(|(name, value)| format!("{name}={}", words::percent_encoded(value)))
+        .map(|(name, value)| format!("{name}={}", query::percent_encoded(value)))
         .collect::<Vec<_>>()
         .join("&")
     }
