@@ -19,6 +19,16 @@ from study;
 drop table study;
 alter table study_in_any_state rename to study;
 
+-- Which of its study's versions it is, from 1: ids count the versions of all studies.
+alter table study_version add column number integer not null default 0;
+update study_version
+set number = (
+    select count(*)
+    from study_version as earlier
+    where earlier.study_id = study_version.study_id and earlier.id <= study_version.id
+);
+create unique index study_version_number on study_version (study_id, number);
+
 alter table population add column screened_out integer not null default 0 check (screened_out >= 0);
 alter table population add column failed_check integer not null default 0 check (failed_check >= 0);
 alter table population add column timed_out integer not null default 0 check (timed_out >= 0);
@@ -56,6 +66,9 @@ create table run_in_any_state (
     is_simulated integer not null check (is_simulated in (0, 1)),
     is_preview integer not null check (is_preview in (0, 1)),
     time_factor real not null check (time_factor >= 1),
+    -- Whether it is known when things happened. An import may bring answers without times: then all moments are that of the
+    -- import, from which how long a question took is counted back.
+    has_times integer not null default 1 check (has_times in (0, 1)),
     started_at_ms integer not null,
     -- When an unfinished run gives its place back. Empty where the study sets no end.
     expires_at_ms integer,

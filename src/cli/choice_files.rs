@@ -15,6 +15,17 @@ pub(super) struct ChoiceFile {
     /// Whether the file says who gave each answer.
     pub(super) unit: Unit,
     pub(super) left_out: LeftOut,
+    /// The same choices by the values of a column, where one was asked for: two or more.
+    pub(super) levels: Vec<ChoiceLevel>,
+}
+
+/// The choices of the rows that have one value in a column.
+pub(super) struct ChoiceLevel {
+    /// The value; none for empty cells.
+    pub(super) name: Option<String>,
+    /// How many people, where each is known by name.
+    pub(super) people: Option<u64>,
+    pub(super) data: ChoiceData,
 }
 
 /// How many rows of a file were left out.
@@ -49,9 +60,12 @@ pub(super) fn read_problems(path: &Path) -> anyhow::Result<Vec<FittedProblem>> {
 /// With a column `status` the file is an export. Rows in it that are not `answered` are no choice, and practice, baseline
 /// and other questions have rows of problems that are not to be fitted: both are counted and otherwise ignored. In a file
 /// without that column an unknown problem is an error.
+///
+/// `by` names a column that splits the choices.
 pub(super) fn read_choices(
     path: &Path,
     problems: Vec<FittedProblem>,
+    by: Option<&str>,
 ) -> anyhow::Result<ChoiceFile> {
     let shown = path.display();
     let mut reader = csv::ReaderBuilder::new()
@@ -61,12 +75,12 @@ pub(super) fn read_choices(
     let headers = reader
         .headers()
         .with_context(|| format!("cannot read the header of {shown}"))?;
-    let columns = Columns::of(headers).with_context(|| format!("{shown}, line 1"))?;
+    let columns = Columns::of(headers, by).with_context(|| format!("{shown}, line 1"))?;
 
     let mut left_out = LeftOut::default();
     let is_known = |id: &str| problems.iter().any(|problem| problem.id == id);
-    let mut people: BTreeMap<String, Pattern> = BTreeMap::new();
-    let mut anonymous = Pattern::new();
+    let mut all = Answers::default();
+    let mut levels: BTreeMap<LevelName, Answers> = BTreeMap::new();
     for record in reader.records() {
         let record = record.with_context(|| format!("cannot read {shown}"))?;
         let line = record.position().map_or(0, csv::Position::line);
@@ -81,38 +95,104 @@ pub(super) fn read_choices(
         }
         let choice = read_choice(&record, &columns, &problems)
             .with_context(|| format!("{shown}, line {line}"))?;
-        let pattern = match field(columns.participant) {
-            Some(person) if !person.is_empty() => people.entry(person.to_owned()).or_default(),
-            _ => &mut anonymous,
-        };
-        let count = pattern.entry((choice.problem, choice.action)).or_default();
-        *count = count
-            .checked_add(choice.count)
-            .with_context(|| format!("{shown}, line {line}: too many choices to count"))?;
+        let person = field(columns.participant);
+        all.add(person, &choice)
+            .with_context(|| format!("{shown}, line {line}"))?;
+        // A count of 0 is no choice, and makes no level.
+        if let Some(name) = field(columns.by).filter(|_| choice.count > 0) {
+            let level = levels.entry(LevelName::new(name)).or_default();
+            // No more than are in all of them.
+            level.add(person, &choice)?;
+        }
     }
-    let counted = people
-        .values()
-        .chain([&anonymous])
-        .flat_map(|pattern| pattern.values());
     ensure!(
-        counted.copied().any(|count| count > 0),
+        all.has_choices(),
         "{shown}: there is no choice to fit: no row that is answered, has a count above 0, and is of a problem of the \
          problems file ({} answered rows are of other problems)",
         left_out.other_problems
     );
+    if let (Some(by), [(LevelName(_, name), _)]) =
+        (by, levels.iter().collect::<Vec<_>>().as_slice())
+    {
+        bail!(
+            "{shown}: column `{by}` is {} in every row that is fitted, so there is nothing to compare",
+            name.as_ref()
+                .map_or_else(|| "empty".to_owned(), |name| format!("`{name}`"))
+        );
+    }
     // A count may sum the answers of several people under one name.
-    let unit = if columns.count.is_none() && anonymous.is_empty() {
+    let is_one_each = columns.count.is_none();
+    let unit = if is_one_each && all.anonymous.is_empty() {
         Unit::Participant
     } else {
         Unit::Answer
     };
-    let groups = groups(&problems, people.into_values(), anonymous);
-    let data = ChoiceData::new(problems, groups).with_context(|| format!("{shown}"))?;
+    let levels = levels
+        .into_iter()
+        .map(|(LevelName(_, name), answers)| {
+            Ok(ChoiceLevel {
+                name,
+                people: (is_one_each && answers.anonymous.is_empty())
+                    .then_some(answers.people.len() as u64),
+                data: answers.data(&problems)?,
+            })
+        })
+        .collect::<anyhow::Result<_>>()?;
+    let data = all.data(&problems).with_context(|| format!("{shown}"))?;
     Ok(ChoiceFile {
         data,
         unit,
         left_out,
+        levels,
     })
+}
+
+/// The value of a column: whole numbers in their order, then words in theirs; an empty cell comes first.
+#[derive(Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct LevelName(u64, Option<String>);
+
+impl LevelName {
+    fn new(text: &str) -> Self {
+        let name = (!text.is_empty()).then(|| text.to_owned());
+        let number = match &name {
+            None => 0,
+            Some(name) => name.parse().unwrap_or(u64::MAX),
+        };
+        Self(number, name)
+    }
+}
+
+/// What people chose, each for themselves as far as they are known.
+#[derive(Default)]
+struct Answers {
+    people: BTreeMap<String, Pattern>,
+    anonymous: Pattern,
+}
+
+impl Answers {
+    fn add(&mut self, person: Option<&str>, choice: &Choice) -> anyhow::Result<()> {
+        let pattern = match person {
+            Some(person) if !person.is_empty() => self.people.entry(person.to_owned()).or_default(),
+            _ => &mut self.anonymous,
+        };
+        let count = pattern.entry((choice.problem, choice.action)).or_default();
+        *count = count
+            .checked_add(choice.count)
+            .context("too many choices to count")?;
+        Ok(())
+    }
+
+    fn has_choices(&self) -> bool {
+        let patterns = self.people.values().chain([&self.anonymous]);
+        patterns
+            .flat_map(|pattern| pattern.values())
+            .any(|count| *count > 0)
+    }
+
+    fn data(self, problems: &[FittedProblem]) -> anyhow::Result<ChoiceData> {
+        let groups = groups(problems, self.people.into_values(), self.anonymous);
+        Ok(ChoiceData::new(problems.to_vec(), groups)?)
+    }
 }
 
 /// How often each action of each problem was chosen, by their positions.
@@ -207,10 +287,11 @@ struct Columns {
     participant: Option<usize>,
     count: Option<usize>,
     status: Option<usize>,
+    by: Option<usize>,
 }
 
 impl Columns {
-    fn of(headers: &csv::StringRecord) -> anyhow::Result<Self> {
+    fn of(headers: &csv::StringRecord, by: Option<&str>) -> anyhow::Result<Self> {
         let find = |name: &str| -> anyhow::Result<Option<usize>> {
             let mut found = headers
                 .iter()
@@ -228,7 +309,19 @@ impl Columns {
                 anyhow!("no column `{name}`, there are {}", listed(&there))
             })
         };
+        let by = match by {
+            None => None,
+            // Whoever misspelt one wants to see them all.
+            Some(name) => Some(find(name)?.with_context(|| {
+                let there: Vec<&str> = headers.iter().collect();
+                format!(
+                    "no column `{name}` for --by, there are {}",
+                    there.join(", ")
+                )
+            })?),
+        };
         Ok(Self {
+            by,
             problem: need("problem")?,
             action: need("action")?,
             participant: find("participant")?,

@@ -16,7 +16,7 @@ use reqwest::Client;
 use tokio_util::task::TaskTracker;
 
 use super::{
-    serve::{ServeArgs, Server, asked_to_stop},
+    serve::{Reachable, ServeArgs, Server, asked_to_stop},
     simulation::Person,
 };
 use crate::{
@@ -175,6 +175,7 @@ impl Crowd {
 }
 
 fn announce(address: SocketAddr, args: &DemoArgs) -> anyhow::Result<()> {
+    let address = Reachable::at(address).here;
     let mut out = std::io::stdout().lock();
     let bold = if out.is_terminal() {
         ("\x1b[1m", "\x1b[0m")

@@ -172,7 +172,8 @@ async fn log(
     recorded
 }
 
-fn to_file(
+/// Writes a file that must not exist yet, or standard output for `-`; what was begun and failed is removed.
+pub(super) fn to_file(
     out: &Path,
     write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::choice_files::{ChoiceFile, read_choices};
 use super::fit_comparison::{compare, write_comparison};
+use super::fit_factor;
 use super::fit_files::FileArguments;
 use super::fit_source::{Source, SourceArguments};
 use super::fit_table::write_table;
@@ -17,6 +18,7 @@ use super::output::print;
 use super::values::model;
 use crate::clock::Clock;
 use crate::inference::comparison::Comparison;
+use crate::inference::factor::FactorReport;
 use crate::inference::{Fit, FitSettings, FitSummary, Progress, fit};
 use crate::model::{ChoiceModel, OrderedMap, PAPER_MODELS};
 
@@ -31,6 +33,10 @@ pub(super) struct Arguments {
     /// that are not `answered` or of no problem given are left out and counted); other columns are ignored
     #[arg(long, value_name = "FILE.csv")]
     choices: PathBuf,
+    /// Also split the choices by a column of the file, such as source, participant or a factor, and compare its values:
+    /// each model is fitted to each of them alone, and to all of them together
+    #[arg(long, value_name = "COLUMN")]
+    by: Option<String>,
     /// Print JSON for machines
     #[arg(long)]
     json: bool,
@@ -65,7 +71,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         data,
         unit,
         left_out,
-    } = read_choices(&arguments.choices, source.problems)?;
+        levels,
+    } = read_choices(&arguments.choices, source.problems, arguments.by.as_deref())?;
     let settings = FitSettings {
         chains: arguments.chains as usize,
         draws: arguments.draws as usize,
@@ -82,6 +89,13 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
     }
     let comparison = compare(&data, unit, &fits, &settings, arguments.compare)?;
+    let by = match &arguments.by {
+        Some(column) => {
+            let models: Vec<&'static ChoiceModel> = fits.iter().map(|fit| fit.model).collect();
+            Some(fit_factor::compare(column, levels, &models, &settings)?)
+        }
+        None => None,
+    };
     let mut text = Vec::new();
     if arguments.json {
         let shown = |fit: &Fit| {
@@ -103,6 +117,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             other_problems: left_out.other_problems,
             seed: arguments.seed,
             reference_reward: source.reference_reward,
+            by,
         };
         serde_json::to_writer(&mut text, &report)?;
         text.push(b'\n');
@@ -116,6 +131,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )?;
         if let Some(comparison) = &comparison {
             write_comparison(&mut text, comparison)?;
+        }
+        if let Some(by) = &by {
+            fit_factor::write_table(&mut text, by)?;
         }
     }
     let shown: Vec<&Fit> = fits
@@ -155,6 +173,9 @@ struct Report {
     other_problems: u64,
     seed: u64,
     reference_reward: f64,
+    /// The values of a column compared, where that was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    by: Option<FactorReport>,
 }
 
 /// Runs a fit with a spinner, which shows itself on a terminal only.

@@ -198,7 +198,7 @@ fn write_held_out(out: &mut dyn Write, held_out: &HeldOut) -> io::Result<()> {
     Ok(())
 }
 
-fn with_error(value: f64, se: Option<f64>) -> String {
+pub(super) fn with_error(value: f64, se: Option<f64>) -> String {
     match se {
         Some(se) => format!("{value:+.2} ± {se:.2}"),
         None => format!("{value:+.2}"),

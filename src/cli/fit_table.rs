@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use super::choice_files::LeftOut;
 use crate::inference::accuracy::{CellAccuracy, LnKl, Shares, pooled};
-use crate::inference::{ChoiceData, Fit, QuantityDiagnostics, Source};
+use crate::inference::{ChoiceData, Fit, ParameterSummary, QuantityDiagnostics, Source};
 use crate::model::{Curvature, Parameter};
 
 /// Writes a comparison of the models with chance, then each model's parameters, then what each predicts.
@@ -100,7 +100,7 @@ fn chance_accuracy(data: &ChoiceData) -> Vec<CellAccuracy> {
         .collect()
 }
 
-fn mean_and_sd(ln_kl: &LnKl) -> String {
+pub(super) fn mean_and_sd(ln_kl: &LnKl) -> String {
     match (ln_kl.mean, ln_kl.sd) {
         (Some(mean), Some(sd)) => format!("{mean:.2} ± {sd:.2}"),
         (Some(mean), None) => format!("{mean:.2}"),
@@ -166,11 +166,7 @@ fn write_parameters(out: &mut dyn Write, fit: &Fit) -> io::Result<()> {
         let prior = format!("{} to {}", short(found.prior_q5), short(found.prior_q95));
         let best = fit.summary.max_likelihood_parameters.as_ref();
         let best = best.and_then(|best| best.get(name).copied().flatten());
-        let note = match found.source {
-            Source::Prior => "  the prior: no choice depends on it",
-            Source::Choices if !found.informed => "  not informed by these choices",
-            Source::Choices => "",
-        };
+        let note = note(found);
         writeln!(
             out,
             "  {name:<13} {:>10} {:>10} {:>10} {:>10} {:>10}   {prior:<23} {}{note}",
@@ -183,6 +179,15 @@ fn write_parameters(out: &mut dyn Write, fit: &Fit) -> io::Result<()> {
         )?;
     }
     Ok(())
+}
+
+/// That the choices say nothing about a parameter, or hardly anything.
+pub(super) fn note(found: &ParameterSummary) -> &'static str {
+    match found.source {
+        Source::Prior => "  the prior: no choice depends on it",
+        Source::Choices if !found.informed => "  not informed by these choices",
+        Source::Choices => "",
+    }
 }
 
 /// Loss aversion where it depends on the amount, with what a model of one curvature says beside it.
@@ -254,7 +259,7 @@ fn write_predictions(out: &mut dyn Write, data: &ChoiceData, fits: &[&Fit]) -> i
 }
 
 /// Four digits, however large or small.
-fn short(value: f64) -> String {
+pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if value == 0.0 || (1e-3..1e5).contains(&size) {
         let digits = if size >= 1000.0 {

@@ -1,6 +1,6 @@
 //! `riskaware import`: answers that were given elsewhere, also while a server runs.
 
-use std::{fs::File, io::BufReader, path::PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
@@ -8,7 +8,7 @@ use clap::Args;
 use super::audit;
 use crate::{
     clock::Clock,
-    import::{self, Fault, Mapping},
+    import::{self, Mapping},
     store::Store,
     study::{Study, StudyId},
 };
@@ -57,8 +57,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         .await
         .with_context(|| format!("study {study} in {}", database.display()))?
         .version;
-    let text = store.study_version(version).await?.text;
-    let parsed = Study::parse(&format!("version {version} of {study}"), &text)?;
+    let stored = store.study_version(version).await?;
+    let name = format!("version {} of {study}", stored.number);
+    let parsed = Study::parse(&name, &stored.text)?;
     let mapping = match &map {
         None => Mapping::default(),
         Some(path) => {
@@ -68,10 +69,15 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
                 .with_context(|| format!("mapping {}", path.display()))?
         }
     };
-    let answers = File::open(&file).with_context(|| format!("reading {}", file.display()))?;
-    let imported = match import::read(&parsed, &mapping, clock.now(), BufReader::new(answers)) {
+    let answers = std::fs::read(&file).with_context(|| format!("reading {}", file.display()))?;
+    let imported = match import::read(&parsed, &mapping, clock.now(), &answers) {
         Ok(imported) => imported,
-        Err(faults) => bail!(told(&faults)),
+        Err(faults) => bail!(
+            "nothing was imported, because {} {} of {} cannot be taken:{faults}",
+            faults.count(),
+            if faults.count() == 1 { "cell" } else { "cells" },
+            file.display()
+        ),
     };
     let names = imported.runs.iter().map(|run| run.participant.as_str());
     let known = store.imported_before(&study, source.trim(), names).await?;
@@ -93,17 +99,4 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         imported.answers, imported.left_out
     );
     Ok(())
-}
-
-/// All faults, a line each.
-fn told(faults: &[Fault]) -> String {
-    let mut text = format!(
-        "nothing was imported, because {} cells cannot be taken:",
-        faults.len()
-    );
-    for fault in faults {
-        text.push_str("\n  ");
-        text.push_str(&fault.to_string());
-    }
-    text
 }

@@ -10,6 +10,7 @@ mod doctor;
 mod export;
 mod fit;
 mod fit_comparison;
+mod fit_factor;
 mod fit_files;
 mod fit_source;
 mod fit_table;
@@ -21,6 +22,7 @@ mod parallel;
 mod predict;
 mod recover;
 mod serve;
+mod simulate;
 pub mod simulation;
 mod study;
 mod sweep;
@@ -77,6 +79,8 @@ enum Command {
     Fit(fit::Arguments),
     /// Read choice problems line by line and write choice probabilities
     Predict(predict::Arguments),
+    /// Write choices of simulated people with given parameters, in the form of an export
+    Simulate(simulate::Arguments),
     /// Check by simulation that fits are calibrated
     Calibrate(calibrate::Arguments),
     /// Tell what a study of a given size would find: parameter recovery and power
@@ -148,6 +152,7 @@ impl Command {
             Self::Load(args) => block_on(load::run(args)),
             Self::Fit(arguments) => fit::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Predict(arguments) => predict::run(&arguments).map(|()| ExitCode::SUCCESS),
+            Self::Simulate(arguments) => simulate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Calibrate(arguments) => calibrate::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Recover(arguments) => recover::run(&arguments).map(|()| ExitCode::SUCCESS),
             Self::Sweep(arguments) => sweep::run(&arguments).map(|()| ExitCode::SUCCESS),

@@ -2,7 +2,7 @@
 
 use std::io::{self, BufRead, BufReader, Write};
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use serde::{Deserialize, Serialize};
 
 use crate::model::{
@@ -17,25 +17,44 @@ use crate::model::{
 ///
 /// The model is noisy_rational (theta) or risk_aware (alpha, beta, gamma, delta, lambda, theta; "options" may set
 /// "normalise" and "zero"). A line that is wrong is answered with {"error":"..."} and the rest still is. The exit status
-/// is 0 when every line was answered, be it with an error, and 1 when input or output fails.
+/// is 1 when a line was wrong (how many is told on standard error), or when input or output fails.
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Arguments {}
 
 pub(super) fn run(Arguments {}: &Arguments) -> anyhow::Result<()> {
-    match answer_lines(BufReader::new(io::stdin().lock()), io::stdout().lock()) {
+    let lines = match answer_lines(BufReader::new(io::stdin().lock()), io::stdout().lock()) {
         // Whoever reads has seen enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-        result => result.context("cannot read problems or write answers"),
-    }
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+        result => result.context("cannot read problems or write answers")?,
+    };
+    ensure!(
+        lines.wrong == 0,
+        "{} of {} lines could not be answered; each has its error as its answer",
+        lines.wrong,
+        lines.all
+    );
+    Ok(())
 }
 
-fn answer_lines<R: io::Read>(mut input: BufReader<R>, output: impl Write) -> io::Result<()> {
+/// How many lines came.
+#[derive(Debug, Default)]
+struct Lines {
+    all: u64,
+    wrong: u64,
+}
+
+fn answer_lines<R: io::Read>(mut input: BufReader<R>, output: impl Write) -> io::Result<Lines> {
+    let mut lines = Lines::default();
     let mut output = io::BufWriter::new(output);
     let mut line = Vec::new();
     while input.read_until(b'\n', &mut line)? > 0 {
-        let answer = answer(&line).unwrap_or_else(|error| Answer::Error {
-            error: format!("{error:#}"),
+        lines.all += 1;
+        let answer = answer(&line).unwrap_or_else(|error| {
+            lines.wrong += 1;
+            Answer::Error {
+                error: format!("{error:#}"),
+            }
         });
         serde_json::to_writer(&mut output, &answer)?;
         output.write_all(b"\n")?;
@@ -45,7 +64,8 @@ fn answer_lines<R: io::Read>(mut input: BufReader<R>, output: impl Write) -> io:
         }
         line.clear();
     }
-    output.flush()
+    output.flush()?;
+    Ok(lines)
 }
 
 #[derive(Debug, Deserialize)]

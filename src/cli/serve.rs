@@ -2,7 +2,7 @@
 
 use std::{
     io::Write,
-    net::{IpAddr, SocketAddr},
+    net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket},
     path::PathBuf,
     sync::Arc,
 };
@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use crate::{
     chance::Chance,
     clock::Clock,
-    jobs::{self, Catalogue, Prepare, StudyFolder, Sweeps},
+    jobs::{self, Catalogue, Prepare, SourceFits, StudyFolder, Sweeps},
     store::{Options, Population, Store, StudyRow, StudyState, Token},
     study,
     web::{self, AppState, Limits, PublicUrl, Replays, Settings},
@@ -34,6 +34,9 @@ pub struct ServeArgs {
     /// It is looked at while the server runs: a changed file is served to whoever starts from then on
     #[arg(long, env = "RISKAWARE_STUDIES")]
     pub studies: Option<PathBuf>,
+    /// Serve none of the built-in studies but those that somebody has begun in this database
+    #[arg(long, env = "RISKAWARE_NO_BUILT_IN", value_parser = clap::builder::FalseyValueParser::new())]
+    pub no_built_in: bool,
     /// Show results and API to everybody who can reach the server, not to this machine alone
     #[arg(long, env = "RISKAWARE_OPEN_RESULTS", value_parser = clap::builder::FalseyValueParser::new())]
     pub open_results: bool,
@@ -61,6 +64,7 @@ impl ServeArgs {
             listen,
             database,
             studies: None,
+            no_built_in: false,
             open_results: false,
             public_url: None,
             trusted_proxies: Vec::new(),
@@ -77,7 +81,9 @@ pub async fn run(args: ServeArgs) -> anyhow::Result<()> {
     let server = Server::open(&args, Population::People).await?;
     let address = server.listener.local_addr()?;
     let setup_link = setup_link(&server.state).await?;
-    let studies = server.state.store.studies().await?;
+    let served = &server.state.catalogue;
+    let mut studies = server.state.store.studies().await?;
+    studies.retain(|study| served.current(&study.id).is_some());
     announce(
         address,
         &args,
@@ -107,12 +113,21 @@ impl Server {
         let store = Store::open(Options::at(&args.database), Clock::start())
             .await
             .with_context(|| format!("opening the database {}", args.database.display()))?;
-        let mut folder = args.studies.as_deref().map(StudyFolder::new);
+        let mut folder = args.studies.as_deref().map(StudyFolder::new).map(|folder| {
+            if args.no_built_in {
+                folder.without_built_in()
+            } else {
+                folder
+            }
+        });
         let catalogue = match &mut folder {
             Some(folder) => folder
                 .publish(&store)
                 .await
                 .context("reading the study files")?,
+            None if args.no_built_in => Catalogue::publish_without_built_in(&store)
+                .await
+                .context("reading the studies")?,
             None => Catalogue::publish(&store, built_in())
                 .await
                 .context("reading the study files")?,
@@ -125,6 +140,7 @@ impl Server {
         let limits = Arc::new(Limits::new(store.clock(), args.starts_per_minute));
         let state = AppState {
             sweeps: Arc::new(Sweeps::new(stop.clone())),
+            source_fits: Arc::new(SourceFits::new(stop.clone())),
             replays: Arc::new(replays),
             store,
             catalogue: Arc::new(catalogue),
@@ -213,14 +229,28 @@ fn announce(
     setup_link: Option<&Token>,
 ) -> anyhow::Result<()> {
     let public_url = args.public_url.as_ref();
-    let url = public_url.map_or_else(|| format!("http://{address}"), ToString::to_string);
+    let reachable = Reachable::at(address);
+    let own_url = format!("http://{}", reachable.here);
+    let url = public_url.map_or_else(|| own_url.clone(), ToString::to_string);
     let mut out = std::io::stdout().lock();
     writeln!(
         out,
-        "riskaware {} serves http://{address}",
+        "riskaware {} serves {own_url}",
         env!("CARGO_PKG_VERSION")
     )?;
+    if let Some(elsewhere) = reachable.elsewhere {
+        writeln!(
+            out,
+            "  listens on    all addresses of this machine{elsewhere}"
+        )?;
+    }
     writeln!(out, "  database      {}", args.database.display())?;
+    if studies.is_empty() {
+        writeln!(
+            out,
+            "  no study is served; --studies names a folder of study files"
+        )?;
+    }
     for study in studies {
         let state = match study.state {
             StudyState::Open => String::new(),
@@ -239,6 +269,54 @@ fn announce(
     Ok(())
 }
 
+/// Under which addresses a listener is reached.
+pub(super) struct Reachable {
+    /// From this machine.
+    pub here: SocketAddr,
+    /// Where it listens on all addresses: how to say what others use, as far as that is known.
+    elsewhere: Option<String>,
+}
+
+impl Reachable {
+    /// Nobody can open the address that stands for all of a machine.
+    pub(super) fn at(address: SocketAddr) -> Self {
+        if !address.ip().is_unspecified() {
+            return Self {
+                here: address,
+                elsewhere: None,
+            };
+        }
+        let (here, documentation): (IpAddr, IpAddr) = match address.ip() {
+            IpAddr::V4(_) => (
+                Ipv4Addr::LOCALHOST.into(),
+                Ipv4Addr::new(192, 0, 2, 1).into(),
+            ),
+            IpAddr::V6(_) => (
+                Ipv6Addr::LOCALHOST.into(),
+                Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into(),
+            ),
+        };
+        // Connecting a datagram socket sends nothing; it makes the system choose the address from which it would.
+        let outward = UdpSocket::bind((address.ip(), 0)).and_then(|socket| {
+            socket.connect((documentation, 9))?;
+            socket.local_addr()
+        });
+        let elsewhere = outward.map_or_else(
+            |_| String::new(),
+            |outward| {
+                format!(
+                    "; others reach http://{}",
+                    SocketAddr::new(outward.ip(), address.port())
+                )
+            },
+        );
+        Self {
+            here: SocketAddr::new(here, address.port()),
+            elsewhere: Some(elsewhere),
+        }
+    }
+}
+
 /// Completes at Ctrl-C or when a supervisor ends the program.
 pub(super) fn asked_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
     let mut terminate =
@@ -249,4 +327,26 @@ pub(super) fn asked_to_stop() -> anyhow::Result<impl Future<Output = ()>> {
             _ = terminate.recv() => {}
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_that_stands_for_all_is_not_the_one_to_open() {
+        for (listen, here) in [
+            ("0.0.0.0:8080", "127.0.0.1:8080"),
+            ("[::]:81", "[::1]:81"),
+            ("192.0.2.7:80", "192.0.2.7:80"),
+        ] {
+            let reachable = Reachable::at(listen.parse().unwrap());
+            assert_eq!(reachable.here, here.parse().unwrap());
+            assert_eq!(
+                reachable.elsewhere.is_some(),
+                !listen.starts_with("192"),
+                "{listen}"
+            );
+        }
+    }
 }

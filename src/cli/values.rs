@@ -7,6 +7,14 @@ pub(super) fn model(text: &str) -> Result<&'static ChoiceModel, String> {
     model_named(text.trim()).map_err(|error| error.to_string())
 }
 
+/// A parameter with its value, such as `alpha=0.88`.
+pub(super) fn parameter(text: &str) -> Result<(String, f64), String> {
+    let wanted = || "allowed is NAME=VALUE, such as alpha=0.88".to_owned();
+    let (name, value) = text.split_once('=').ok_or_else(wanted)?;
+    let value = value.trim().parse().map_err(|_| wanted())?;
+    Ok((name.trim().to_owned(), value))
+}
+
 pub(super) fn weighting_floor(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(floor) if (0.0..1.0).contains(&floor) => Ok(floor),

@@ -132,7 +132,9 @@ pub(super) fn missing_meaning(code: &str) -> &'static str {
         }
         WITHDRAWN => "the person withdrew, and everything they answered is erased",
         NOT_ANSWERED => "shown and left empty",
-        NOT_MEASURED => "not measured, for example because the page ran without scripts",
+        NOT_MEASURED => {
+            "not measured, for example because the page ran without scripts, or not told where answers were imported"
+        }
         _ => "",
     }
 }
@@ -207,10 +209,9 @@ pub(super) fn factors<'a>(studies: impl Iterator<Item = &'a Study>) -> Vec<Facto
     found
 }
 
-pub(super) fn study_column(export: &Export) -> Column {
-    Column::new("study", "Study", ColumnKind::Text, "The id of the study").with_levels(vec![
-        Level::new(export.study.id().as_str(), export.study.title()),
-    ])
+pub(super) fn study_column(study: &Study) -> Column {
+    Column::new("study", "Study", ColumnKind::Text, "The id of the study")
+        .with_levels(vec![Level::new(study.id().as_str(), study.title())])
 }
 
 pub(super) fn version_column(export: &Export) -> Column {
@@ -220,11 +221,15 @@ pub(super) fn version_column(export: &Export) -> Column {
         .iter()
         .map(|version| {
             Level::new(
-                version.id.to_string(),
+                version.number.to_string(),
                 format!("study file with SHA-256 {}", version.hash),
             )
         })
         .collect();
+    version_column_of(versions)
+}
+
+fn version_column_of(versions: Vec<Level>) -> Column {
     Column::new(
         "version",
         "Version of the study",
@@ -273,10 +278,10 @@ pub(super) fn simulated_column() -> Column {
 }
 
 /// The actions of all versions, each once.
-fn all_actions(export: &Export) -> Vec<Level> {
+fn all_actions(studies: &[&Study]) -> Vec<Level> {
     let mut seen = BTreeSet::new();
     let mut found = Vec::new();
-    for study in export.versions_current_first() {
+    for study in studies {
         for contents in study.contents() {
             let Asks::Choices { questions, .. } = contents.asks else {
                 continue;
@@ -293,9 +298,20 @@ fn all_actions(export: &Export) -> Vec<Level> {
 
 /// The long table's columns.
 pub(super) fn long(export: &Export) -> Vec<Column> {
+    let studies: Vec<&Study> = export.versions_current_first().collect();
+    long_of(&studies, version_column(export))
+}
+
+/// The long table's columns for answers to one study file that no database holds.
+pub(super) fn long_unstored(study: &Study) -> Vec<Column> {
+    long_of(&[study], version_column_of(Vec::new()))
+}
+
+/// The current version of the study comes first; there is at least one.
+fn long_of(studies: &[&Study], version_column: Column) -> Vec<Column> {
     let mut columns = vec![
-        study_column(export),
-        version_column(export),
+        study_column(studies[0]),
+        version_column,
         participant_column(),
         run_state_column(),
         Column::new(
@@ -323,25 +339,21 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
             "The cell's id (its levels joined by /), or block:question outside the design; the `problem` of fits",
         ),
     ];
-    columns.extend(
-        factors(export.versions_current_first())
-            .into_iter()
-            .map(|factor| {
-                Column::new(
-                    factor.id,
-                    &factor.label,
-                    ColumnKind::Level,
-                    format!(
-                        "The level of the factor {}; empty outside the design",
-                        factor.label
-                    ),
-                )
-                .with_levels(factor.levels)
-            }),
-    );
+    columns.extend(factors(studies.iter().copied()).into_iter().map(|factor| {
+        Column::new(
+            factor.id,
+            &factor.label,
+            ColumnKind::Level,
+            format!(
+                "The level of the factor {}; empty outside the design",
+                factor.label
+            ),
+        )
+        .with_levels(factor.levels)
+    }));
     columns.extend([
         Column::new("action", "Action", ColumnKind::Level, "The chosen action")
-            .with_levels(all_actions(export))
+            .with_levels(all_actions(studies))
             .missing_as(&[TIMED_OUT, SKIPPED]),
         Column::new("status", "Status", ColumnKind::Level, "What became of the question").with_levels(answer_statuses()),
         Column::new(
@@ -358,7 +370,8 @@ pub(super) fn long(export: &Export) -> Vec<Column> {
             ColumnKind::Integer,
             "When the question was answered or closed, on the server's clock, since 1970 (UTC)",
         )
-        .in_unit("ms"),
+        .in_unit("ms")
+        .missing_as(&[NOT_MEASURED]),
         Column::new(
             "server_ms",
             "Time on the server",

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::cell::{number, text};
 use super::columns::LONG_BEFORE_FACTORS;
-use super::{Export, ExportError, columns};
+use super::{Column, Export, ExportError, columns};
 use crate::model::OrderedMap;
 use crate::store::{AnswerKey, AnswerRow, AnswerStatus, RunState};
 use crate::study::Study;
@@ -31,7 +31,8 @@ pub struct Answer<'a> {
     action: Option<&'a str>,
     status: AnswerStatus,
     shown_at_ms: Option<i64>,
-    answered_at_ms: i64,
+    /// Null where an import did not tell.
+    answered_at_ms: Option<i64>,
     server_ms: Option<u64>,
     client_rt_ms: Option<u64>,
     limit_ms: Option<u64>,
@@ -60,7 +61,7 @@ impl<'a> Answer<'a> {
             .unwrap_or_default();
         Self {
             study: study.id().as_str(),
-            version: row.version.get(),
+            version: row.version_number.get(),
             participant: row.key.run.get(),
             run_state: row.run_state,
             block: row.block.as_str(),
@@ -74,7 +75,7 @@ impl<'a> Answer<'a> {
             action: row.action.as_ref().map(|action| action.as_str()),
             status: row.status,
             shown_at_ms: row.shown_at.map(|at| at.0),
-            answered_at_ms: row.answered_at.0,
+            answered_at_ms: row.answered_at.map(|at| at.0),
             server_ms: row.server_ms,
             client_rt_ms: row.client_rt_ms,
             limit_ms: row.limit_ms,
@@ -107,7 +108,7 @@ impl<'a> Answer<'a> {
             text(self.action.unwrap_or_default()),
             self.status.to_string(),
             number(self.shown_at_ms),
-            self.answered_at_ms.to_string(),
+            number(self.answered_at_ms),
             number(self.server_ms),
             number(self.client_rt_ms),
             number(self.limit_ms),
@@ -121,17 +122,49 @@ impl<'a> Answer<'a> {
 }
 
 pub(super) fn csv(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {
-    let factors = columns::factors(export.versions_current_first());
-    let factors: Vec<String> = factors.into_iter().map(|factor| factor.id).collect();
-    let mut writer = csv::Writer::from_writer(out);
-    let header = columns::long(export);
-    writer.write_record(header.iter().map(|column| column.name.as_str()))?;
+    let factors = factor_ids(export.versions_current_first());
+    let mut writer = headed(&columns::long(export), out)?;
     let rows = each(export, |answer| {
         writer.write_record(answer.record(&factors))?;
         Ok(())
     })?;
     writer.flush()?;
     Ok(rows)
+}
+
+/// Writes answers that no database holds, such as those of simulated people, as an export would write them, and says how many
+/// there are. All were given under one version of the study.
+///
+/// # Errors
+/// When an answer fails to come, or `out` takes no more.
+pub fn write_unstored<E: From<csv::Error> + From<io::Error>>(
+    study: &Study,
+    answers: impl IntoIterator<Item = Result<AnswerRow, E>>,
+    out: &mut dyn io::Write,
+) -> Result<u64, E> {
+    let factors = factor_ids(std::iter::once(study));
+    let mut writer = headed(&columns::long_unstored(study), out)?;
+    let mut rows = 0;
+    for row in answers {
+        writer.write_record(Answer::new(study, &row?).record(&factors))?;
+        rows += 1;
+    }
+    writer.flush()?;
+    Ok(rows)
+}
+
+fn factor_ids<'a>(studies: impl Iterator<Item = &'a Study>) -> Vec<String> {
+    let factors = columns::factors(studies);
+    factors.into_iter().map(|factor| factor.id).collect()
+}
+
+fn headed<'a>(
+    header: &[Column],
+    out: &'a mut dyn io::Write,
+) -> Result<csv::Writer<&'a mut dyn io::Write>, csv::Error> {
+    let mut writer = csv::Writer::from_writer(out);
+    writer.write_record(header.iter().map(|column| column.name.as_str()))?;
+    Ok(writer)
 }
 
 pub(super) fn ndjson(export: &Export, out: &mut dyn io::Write) -> Result<u64, ExportError> {

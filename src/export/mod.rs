@@ -28,7 +28,7 @@ use tokio::runtime::Handle;
 
 pub use codebook::{Codebook, Table};
 pub use columns::{Column, ColumnKind, Level};
-pub use long::Answer;
+pub use long::{Answer, write_unstored};
 use versions::Versions;
 
 use crate::store::{self, Population, Store};

@@ -30,7 +30,7 @@ pub(super) fn zip(export: &Export, out: &mut dyn io::Write) -> Result<u64, Expor
     archive.table("documentation/codebook.csv", |out| codebook.write_csv(out))?;
     archive.text("documentation/codebook.json", &pretty(&codebook)?)?;
     for version in export.versions.stored() {
-        let path = format!("materials/study-version-{}.toml", version.id);
+        let path = format!("materials/study-version-{}.toml", version.number);
         archive.text(&path, &version.text)?;
     }
     archive.text("materials/texts.html", &texts(export.study()))?;
@@ -200,7 +200,7 @@ fn changes(export: &Export) -> String {
         let _ = writeln!(
             text,
             "* version {}: first served at {} ms since 1970 (UTC) by riskaware {}; study file SHA-256 {}",
-            version.id, version.created_at.0, version.program_version, version.hash
+            version.number, version.created_at.0, version.program_version, version.hash
         );
     }
     text

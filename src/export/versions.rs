@@ -25,7 +25,7 @@ impl Versions {
         let mut studies = BTreeMap::new();
         let mut current_study = None;
         for version in &stored {
-            let name = format!("version {} of {study}", version.id);
+            let name = format!("version {} of {study}", version.number);
             match Study::parse(&name, &version.text) {
                 Ok(study) => {
                     let study = Arc::new(study);

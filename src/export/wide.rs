@@ -134,7 +134,7 @@ impl<'a> Row<'a> {
         let words = |words: Option<&str>| words.map(text).unwrap_or_default();
         match &column.cell {
             WideCell::Study => text(self.export.study.id().as_str()),
-            WideCell::Version => participant.version.to_string(),
+            WideCell::Version => participant.version_number.to_string(),
             WideCell::Participant => participant.run.to_string(),
             WideCell::RunState => participant.state.to_string(),
             WideCell::Condition => words(participant.condition.as_deref()),
@@ -148,12 +148,13 @@ impl<'a> Row<'a> {
             {
                 String::new()
             }
-            WideCell::StartedAt => participant.started_at.0.to_string(),
+            WideCell::StartedAt => number(participant.started_at.map(|at| at.0)),
             WideCell::FinishedAt => number(participant.finished_at.map(|at| at.0)),
             WideCell::Duration => number(
                 participant
                     .finished_at
-                    .map(|at| at.millis_since(participant.started_at)),
+                    .zip(participant.started_at)
+                    .map(|(end, start)| end.millis_since(start)),
             ),
             WideCell::Bonus => number(bonus::amount(self.export, participant)),
             WideCell::Platform => words(participant.platform.as_deref()),

@@ -127,7 +127,7 @@ impl Columns {
 fn wide_head(export: &Export) -> Vec<WideColumn> {
     let plain = |column, cell| WideColumn { column, cell };
     let mut columns = vec![
-        plain(study_column(export), WideCell::Study),
+        plain(study_column(export.study()), WideCell::Study),
         plain(version_column(export), WideCell::Version),
         plain(participant_column(), WideCell::Participant),
         plain(run_state_column(), WideCell::RunState),
@@ -167,7 +167,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "When the run began, since 1970 (UTC)",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::StartedAt,
         ),
         plain(
@@ -177,7 +178,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "When the run ended, since 1970 (UTC); empty while it is under way",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::FinishedAt,
         ),
         plain(
@@ -187,7 +189,8 @@ fn wide_head(export: &Export) -> Vec<WideColumn> {
                 ColumnKind::Integer,
                 "From the start to the end of the run",
             )
-            .in_unit("ms"),
+            .in_unit("ms")
+            .missing_as(&[WITHDRAWN, NOT_MEASURED]),
             WideCell::Duration,
         ),
         plain(

@@ -1,35 +1,28 @@
 //! Answers from elsewhere: a table in the long form, or in other words with a [`Mapping`], read into runs that the store can
 //! take.
 //!
-//! A file is read as a whole: either every row is understood, or all [`Fault`]s are told and nothing is stored.
+//! A file is read as a whole: either every row is understood, or all that is wrong is told ([`Faults`]) and nothing is stored.
 
+mod columns;
+mod fault;
 mod mapping;
+mod people;
 mod questions;
 mod row;
 
-use std::collections::HashMap;
-use std::io;
-
+use columns::Columns;
+pub use fault::{Fault, Faults};
 pub use mapping::{Mapping, MappingError};
+use people::People;
 use questions::Questions;
-use row::{Asked, Columns};
+use row::Row;
 
 use crate::store::ImportedRun;
 use crate::study::{Study, Timestamp};
 
-/// A cell that cannot be taken.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}, column {column}: found `{value}`; allowed: {allowed}")]
-pub struct Fault {
-    /// The line in the file, from 1.
-    pub line: u64,
-    /// The column as the file calls it.
-    pub column: String,
-    /// What stands there.
-    pub value: String,
-    /// What could.
-    pub allowed: String,
-}
+const UTF_8: &str = "UTF-8; save the file as CSV in UTF-8";
+/// What spreadsheets write before UTF-8.
+const BYTE_ORDER_MARK: char = '\u{feff}';
 
 /// A file that was understood.
 #[derive(Debug)]
@@ -42,7 +35,8 @@ pub struct Imported {
     pub left_out: u64,
 }
 
-/// Reads a table. `now` stands for times that it does not tell.
+/// Reads a table: CSV in UTF-8, separated by commas, semicolons or tabs, whichever its first line has most of. Runs whose
+/// rows tell no moments get `now`, and are marked.
 ///
 /// # Errors
 /// Every faulty cell.
@@ -50,94 +44,101 @@ pub fn read(
     study: &Study,
     mapping: &Mapping,
     now: Timestamp,
-    file: impl io::Read,
-) -> Result<Imported, Vec<Fault>> {
+    file: &[u8],
+) -> Result<Imported, Faults> {
+    let text = text_of(file)?;
     let questions = Questions::of(study);
     let mut reader = csv::ReaderBuilder::new()
+        .delimiter(separator(&text))
         .trim(csv::Trim::All)
-        .from_reader(file);
-    let columns = match reader.headers() {
-        Ok(header) => Columns::find(study, mapping, header)?,
-        Err(error) => return Err(vec![unreadable(&error)]),
+        .from_reader(text.as_bytes());
+    let header = match reader.headers() {
+        Ok(header) => header.clone(),
+        Err(error) => return Err(unreadable(&error).into()),
     };
+    let columns = Columns::find(study, mapping, &header)?;
     let mut people = People::default();
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     for record in reader.records() {
-        let record = match record {
-            Ok(record) => record,
-            Err(error) => {
-                faults.push(unreadable(&error));
-                continue;
+        match record {
+            Ok(record) => {
+                let row = Row::new(&columns, mapping, &record);
+                faults.extend(people.add(row.read(&questions, now), &row));
             }
-        };
-        match columns.read(mapping, &questions, &record, now) {
-            Ok(Asked::Practice) => people.left_out += 1,
-            Ok(Asked::Choice(answer)) => faults.extend(people.add(*answer)),
-            Err(found) => {
-                debug_assert!(!found.is_empty(), "a refused row without a fault is lost");
-                faults.extend(found);
-            }
+            Err(error) => faults.extend([unreadable(&error)]),
         }
     }
-    if faults.is_empty() && people.runs.is_empty() {
-        faults.push(Fault {
+    if faults.is_empty() && people.is_empty() {
+        faults.extend([Fault {
             line: 1,
-            column: columns.participant_name().to_owned(),
+            column: columns.called("participant").to_owned(),
             value: "no rows".to_owned(),
             allowed: "at least one answer to a question that is no practice".to_owned(),
-        });
+        }]);
     }
-    if !faults.is_empty() {
-        faults.sort_by_key(|fault| fault.line);
-        return Err(faults);
+    if faults.is_empty() {
+        Ok(people.imported())
+    } else {
+        Err(faults)
     }
-    Ok(Imported {
-        answers: people.runs.iter().map(|run| run.answers.len() as u64).sum(),
-        runs: people.runs,
-        left_out: people.left_out,
-    })
 }
 
-/// People by what the file calls them.
-#[derive(Default)]
-struct People {
-    runs: Vec<ImportedRun>,
-    places: HashMap<String, usize>,
-    left_out: u64,
-}
-
-impl People {
-    fn add(&mut self, answer: row::Answer) -> Option<Fault> {
-        let place = *self
-            .places
-            .entry(answer.participant.clone())
-            .or_insert_with(|| {
-                self.runs.push(ImportedRun {
-                    participant: answer.participant.clone(),
-                    answers: Vec::new(),
-                    is_completed: answer.is_completed,
-                });
-                self.runs.len() - 1
-            });
-        let run = &mut self.runs[place];
-        let plan = &answer.answer.step.plan;
-        let is_second = run.answers.iter().any(|known| {
-            known.step.plan.block == plan.block && known.step.plan.question == plan.question
-        });
-        if is_second {
-            return Some(answer.twice);
+/// The file as text with line feeds alone: the reader of CSV counts a line's carriage return to the line before.
+fn text_of(file: &[u8]) -> Result<String, Fault> {
+    if file.starts_with(&[0xff, 0xfe]) || file.starts_with(&[0xfe, 0xff]) {
+        return Err(of_file("text in UTF-16", UTF_8));
+    }
+    let text = std::str::from_utf8(file).map_err(|error| {
+        let before = &file[..error.valid_up_to()];
+        let lines = before.iter().filter(|byte| **byte == b'\n').count();
+        Fault {
+            line: lines as u64 + 1,
+            ..of_file("bytes that are no UTF-8", UTF_8)
         }
-        run.is_completed &= answer.is_completed;
-        run.answers.push(answer.answer);
-        None
+    })?;
+    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
+    if text.trim().is_empty() {
+        return Err(of_file("an empty file", "a header and a row per answer"));
+    }
+    Ok(text.replace("\r\n", "\n").replace('\r', "\n"))
+}
+
+/// What stands between the cells: spreadsheets write semicolons where a comma is the decimal sign.
+fn separator(text: &str) -> u8 {
+    let header = text.lines().next().unwrap_or("");
+    let count = |separator: u8| header.bytes().filter(|byte| *byte == separator).count();
+    let mut found = b',';
+    for other in [b';', b'\t'] {
+        if count(other) > count(found) {
+            found = other;
+        }
+    }
+    found
+}
+
+fn of_file(value: &str, allowed: &str) -> Fault {
+    Fault {
+        line: 1,
+        column: "(the whole file)".to_owned(),
+        value: value.to_owned(),
+        allowed: allowed.to_owned(),
     }
 }
 
 fn unreadable(error: &csv::Error) -> Fault {
+    let (value, allowed) = match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => (
+            format!("{len} cells"),
+            format!("{expected_len} cells, as the header has"),
+        ),
+        _ => (error.to_string(), "CSV".to_owned()),
+    };
     Fault {
         line: error.position().map_or(1, csv::Position::line),
         column: "(the whole line)".to_owned(),
-        value: error.to_string(),
-        allowed: "UTF-8, comma-separated, as many cells as the header has".to_owned(),
+        value,
+        allowed,
     }
 }

@@ -3,13 +3,15 @@
 use std::collections::BTreeMap;
 
 use crate::store::{DrawnStep, drawn_step};
-use crate::study::{ActionId, Asks, Step, StepData, StepKind, StepPlan, Study};
+use crate::study::{ActionId, Asks, ConditionId, Step, StepData, StepKind, StepPlan, Study};
 
 /// A question as an imported run has it.
 #[derive(Debug, Clone)]
 pub(super) struct Question {
     pub(super) step: DrawnStep,
     pub(super) actions: Vec<ActionId>,
+    /// The condition whose people are asked it; none in a study without conditions, and outside the design.
+    pub(super) condition: Option<ConditionId>,
 }
 
 /// All questions by the problem that they ask.
@@ -52,22 +54,23 @@ impl Questions {
                     Some(asked) => asked.cell.clone(),
                     None => fallback,
                 };
-                questions
-                    .entry(problem)
-                    .or_default()
-                    .push(Question { step, actions });
+                let condition = study
+                    .cell(&problem)
+                    .and_then(|cell| study.condition_of(cell));
+                let condition = condition.map(|condition| condition.id.clone());
+                questions.entry(problem).or_default().push(Question {
+                    step,
+                    actions,
+                    condition,
+                });
             }
         }
         Self(questions)
     }
 
-    /// The question of a problem; where several ask it, the one of this block, or the first.
-    pub(super) fn find(&self, problem: &str, block: Option<&str>) -> Option<&Question> {
-        let found = self.0.get(problem)?;
-        let of_block = found
-            .iter()
-            .find(|question| block.is_some_and(|block| question.step.plan.block == *block));
-        of_block.or_else(|| found.first())
+    /// The questions that ask a problem, one per block; none for a problem that is not asked.
+    pub(super) fn of_problem(&self, problem: &str) -> &[Question] {
+        self.0.get(problem).map_or(&[], Vec::as_slice)
     }
 
     /// The problems that choices can be imported for.

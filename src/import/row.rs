@@ -4,180 +4,88 @@ use std::str::FromStr;
 
 use csv::StringRecord;
 
+use super::columns::Columns;
 use super::questions::{Question, Questions};
 use super::{Fault, Mapping};
 use crate::store::{AnswerStatus, ImportedAnswer, RunState};
 use crate::study::step::{ClientTiming, Fields};
-use crate::study::{DEFAULT_GRACE_MS, Deadline, Reply, Study, TimeFactor, Timestamp};
+use crate::study::{DEFAULT_GRACE_MS, Deadline, Reply, TimeFactor, Timestamp};
 
-/// Columns that are read beside those of the factors.
-const KNOWN: [&str; 13] = [
-    "participant",
-    "problem",
-    "block",
-    "action",
-    "status",
-    "shown_at_ms",
-    "answered_at_ms",
-    "server_ms",
-    "client_rt_ms",
-    "input",
-    "hidden_ms",
-    "run_state",
-    "simulated",
-];
-
-impl Mapping {
-    /// The columns that a mapping for this study may name.
-    pub fn allowed(study: &Study) -> Vec<String> {
-        let factors = study.factors().iter().map(|factor| factor.id.to_string());
-        KNOWN
-            .map(str::to_owned)
-            .into_iter()
-            .chain(factors)
-            .collect()
-    }
-}
-
-/// Where each of our columns stands in the file.
-pub(super) struct Columns {
-    found: Vec<Column>,
-    factors: Vec<String>,
-}
-
-struct Column {
-    ours: String,
-    theirs: String,
-    index: usize,
-}
-
-/// What a row is about.
-pub(super) enum Asked {
-    /// A practice question.
-    Practice,
-    /// A choice.
-    Choice(Box<Answer>),
-}
-
-/// A row that was understood.
-pub(super) struct Answer {
-    pub(super) participant: String,
-    pub(super) is_completed: bool,
-    pub(super) answer: ImportedAnswer,
-    /// The fault that it is if the participant has answered this question before.
-    pub(super) twice: Fault,
-}
-
-impl Columns {
-    pub(super) fn find(
-        study: &Study,
-        mapping: &Mapping,
-        header: &StringRecord,
-    ) -> Result<Self, Vec<Fault>> {
-        let factors: Vec<String> = study
-            .factors()
-            .iter()
-            .map(|factor| factor.id.to_string())
-            .collect();
-        let mut found = Vec::new();
-        let mut faults = Vec::new();
-        let missing = |theirs: &str| Fault {
-            line: 1,
-            column: theirs.to_owned(),
-            value: header.iter().collect::<Vec<_>>().join(","),
-            allowed: format!("a header with the column {theirs}"),
-        };
-        for ours in KNOWN.into_iter().chain(factors.iter().map(String::as_str)) {
-            let theirs = mapping.column(ours);
-            // Spreadsheets put a byte order mark before the first name.
-            let mut names = header
-                .iter()
-                .map(|name| name.trim_start_matches('\u{feff}'));
-            match names.position(|name| name == theirs) {
-                Some(index) => found.push(Column {
-                    ours: ours.to_owned(),
-                    theirs: theirs.to_owned(),
-                    index,
-                }),
-                None if mapping.names(ours) || ["participant", "action"].contains(&ours) => {
-                    faults.push(missing(theirs));
-                }
-                None => {}
-            }
-        }
-        let has = |ours: &str| found.iter().any(|column| column.ours == ours);
-        let by_levels = !factors.is_empty() && factors.iter().all(|factor| has(factor));
-        if !has("problem") && !by_levels {
-            faults.push(Fault {
-                allowed: format!(
-                    "a header with the column {}, or with one for each factor ({})",
-                    mapping.column("problem"),
-                    factors.join(", ")
-                ),
-                ..missing(mapping.column("problem"))
-            });
-        }
-        if faults.is_empty() {
-            Ok(Self { found, factors })
-        } else {
-            Err(faults)
-        }
-    }
-
-    pub(super) fn participant_name(&self) -> &str {
-        self.of("participant")
-            .map_or("participant", |column| column.theirs.as_str())
-    }
-
-    fn of(&self, ours: &str) -> Option<&Column> {
-        self.found.iter().find(|column| column.ours == ours)
-    }
-
-    pub(super) fn read(
-        &self,
-        mapping: &Mapping,
-        questions: &Questions,
-        record: &StringRecord,
-        now: Timestamp,
-    ) -> Result<Asked, Vec<Fault>> {
-        let row = Row {
-            columns: self,
-            mapping,
-            record,
-            line: record.position().map_or(0, csv::Position::line),
-        };
-        row.read(questions, now)
-    }
-}
-
-struct Row<'a> {
+/// A row, and how to read it.
+pub(super) struct Row<'a> {
     columns: &'a Columns,
     mapping: &'a Mapping,
     record: &'a StringRecord,
-    line: u64,
+}
+
+/// What a row says, as far as it can be read.
+pub(super) struct Read<'a> {
+    pub(super) participant: Option<&'a str>,
+    pub(super) is_completed: bool,
+    pub(super) question: Option<&'a Question>,
+    /// None for a practice question, and where something is wrong.
+    pub(super) answer: Option<ImportedAnswer>,
+    /// Whether it tells when something happened; none where that is wrong.
+    pub(super) has_times: Option<bool>,
+    /// All that is wrong.
+    pub(super) faults: Vec<Fault>,
+}
+
+/// When a question was shown and answered.
+#[derive(Debug, Clone, Copy)]
+struct Times {
+    shown_at: Option<Timestamp>,
+    at: Timestamp,
+    /// Whether the row tells a moment; how long it took may be known without.
+    are_moments: bool,
 }
 
 impl<'a> Row<'a> {
-    /// Our value of a column; none where it is empty or missing.
-    fn value(&self, ours: &str) -> Option<&'a str> {
-        let column = self.columns.of(ours)?;
-        let theirs = self.record.get(column.index)?;
-        let value = self.mapping.value(ours, theirs);
-        (!value.is_empty()).then_some(value)
+    pub(super) fn new(
+        columns: &'a Columns,
+        mapping: &'a Mapping,
+        record: &'a StringRecord,
+    ) -> Self {
+        Self {
+            columns,
+            mapping,
+            record,
+        }
     }
 
-    fn fault(&self, ours: &str, allowed: impl Into<String>) -> Fault {
+    pub(super) fn line(&self) -> u64 {
+        self.record.position().map_or(0, csv::Position::line)
+    }
+
+    /// Our column that names the question.
+    pub(super) fn question_column(&self) -> &'a str {
+        match self.columns.of("problem") {
+            Some(_) => "problem",
+            None => self
+                .columns
+                .factors()
+                .first()
+                .map_or("problem", String::as_str),
+        }
+    }
+
+    /// What is wrong with the value of our column.
+    pub(super) fn fault(&self, ours: &str, allowed: impl Into<String>) -> Fault {
         let column = self.columns.of(ours);
         let stands = column.and_then(|column| self.record.get(column.index));
         Fault {
-            line: self.line,
-            column: column.map_or(ours, |column| &column.theirs).to_owned(),
+            line: self.line(),
+            column: self.columns.called(ours).to_owned(),
             value: stands.unwrap_or("").to_owned(),
             allowed: allowed.into(),
         }
     }
 
-    fn read(&self, questions: &Questions, now: Timestamp) -> Result<Asked, Vec<Fault>> {
+    /// Reads every cell, so that all that is wrong is told at once.
+    pub(super) fn read<'q>(&self, questions: &'q Questions, now: Timestamp) -> Read<'q>
+    where
+        'a: 'q,
+    {
         let mut faults = Vec::new();
         let participant = self.value("participant");
         if participant.is_none() {
@@ -189,7 +97,49 @@ impl<'a> Row<'a> {
         {
             faults.push(self.fault("simulated", "false; simulated people are not imported"));
         }
-        let is_completed = match self.value("run_state").map(str::parse::<RunState>) {
+        let is_completed = self.is_completed(&mut faults);
+        let question = self.question(questions, &mut faults);
+        let status = self.status(&mut faults);
+        let times = self.times(now, &mut faults);
+        let timing = self.timing(&mut faults);
+        let to_answer = question.filter(|question| !question.step.is_practice);
+        let reply = to_answer
+            .zip(status)
+            .and_then(|(question, status)| self.reply(question, status, &mut faults));
+        if let Some(((question, status), times)) = to_answer.zip(status).zip(times) {
+            faults.extend(self.limit_fault(question, status, times));
+        }
+        let answer = to_answer
+            .zip(reply)
+            .zip(times)
+            .filter(|_| faults.is_empty())
+            .map(|((question, reply), times)| ImportedAnswer {
+                step: question.step.clone(),
+                shown_at: times.shown_at,
+                at: times.at,
+                reply,
+                timing,
+            });
+        Read {
+            participant,
+            is_completed,
+            question,
+            answer,
+            has_times: times.map(|times| times.are_moments),
+            faults,
+        }
+    }
+
+    /// Our value of a column; none where it is empty or missing.
+    fn value(&self, ours: &str) -> Option<&'a str> {
+        let column = self.columns.of(ours)?;
+        let theirs = self.record.get(column.index)?;
+        let value = self.mapping.value(ours, theirs);
+        (!value.is_empty()).then_some(value)
+    }
+
+    fn is_completed(&self, faults: &mut Vec<Fault>) -> bool {
+        match self.value("run_state").map(str::parse::<RunState>) {
             None | Some(Ok(RunState::Completed)) => true,
             Some(Ok(RunState::Active)) => false,
             Some(
@@ -208,40 +158,6 @@ impl<'a> Row<'a> {
                 ));
                 true
             }
-        };
-        let Some(question) = self.question(questions, &mut faults) else {
-            return Err(faults);
-        };
-        if question.step.is_practice {
-            return if faults.is_empty() {
-                Ok(Asked::Practice)
-            } else {
-                Err(faults)
-            };
-        }
-        let reply = self.reply(question, &mut faults);
-        let times = self.times(question, now, &mut faults);
-        let timing = self.timing(&mut faults);
-        match (participant, reply, times) {
-            (Some(participant), Some(reply), Some((shown_at, at))) if faults.is_empty() => {
-                let name = match self.columns.of("problem") {
-                    Some(_) => "problem",
-                    None => "participant",
-                };
-                Ok(Asked::Choice(Box::new(Answer {
-                    participant: participant.to_owned(),
-                    is_completed,
-                    twice: self.fault(name, "one answer per participant and question"),
-                    answer: ImportedAnswer {
-                        step: question.step.clone(),
-                        shown_at,
-                        at,
-                        reply,
-                        timing,
-                    },
-                })))
-            }
-            _ => Err(faults),
         }
     }
 
@@ -250,25 +166,21 @@ impl<'a> Row<'a> {
         questions: &'q Questions,
         faults: &mut Vec<Fault>,
     ) -> Option<&'q Question> {
-        let (problem, named_by) = match self.columns.of("problem") {
-            Some(_) => (self.value("problem").unwrap_or("").to_owned(), "problem"),
+        let named_by = self.question_column();
+        let problem = match self.columns.of("problem") {
+            Some(_) => self.value("problem").unwrap_or("").to_owned(),
             None => {
                 let levels: Vec<&str> = self
                     .columns
-                    .factors
+                    .factors()
                     .iter()
                     .map(|factor| self.value(factor).unwrap_or(""))
                     .collect();
-                let first = self
-                    .columns
-                    .factors
-                    .first()
-                    .map_or("problem", String::as_str);
-                (levels.join("/"), first)
+                levels.join("/")
             }
         };
-        let found = questions.find(&problem, self.value("block"));
-        if found.is_none() {
+        let asked = questions.of_problem(&problem);
+        let Some(first) = asked.first() else {
             let known: Vec<String> = questions
                 .problems()
                 .map(|known| self.mapping.theirs("problem", known))
@@ -277,26 +189,49 @@ impl<'a> Row<'a> {
                 value: problem,
                 ..self.fault(named_by, known.join(", "))
             });
+            return None;
+        };
+        let Some(block) = self.value("block") else {
+            return Some(first);
+        };
+        let found = asked
+            .iter()
+            .find(|question| question.step.plan.block == *block);
+        if found.is_none() {
+            let blocks: Vec<String> = asked
+                .iter()
+                .map(|question| {
+                    self.mapping
+                        .theirs("block", question.step.plan.block.as_str())
+                })
+                .collect();
+            faults.push(self.fault(
+                "block",
+                format!("{}, which ask {problem}, or nothing", blocks.join(", ")),
+            ));
         }
         found
     }
 
-    fn reply(&self, question: &Question, faults: &mut Vec<Fault>) -> Option<Reply> {
-        let status = match self.value("status").map(str::parse::<AnswerStatus>) {
-            None => AnswerStatus::Answered,
+    fn status(&self, faults: &mut Vec<Fault>) -> Option<AnswerStatus> {
+        match self.value("status").map(str::parse::<AnswerStatus>) {
+            None => Some(AnswerStatus::Answered),
             Some(Ok(
                 status @ (AnswerStatus::Answered | AnswerStatus::Late | AnswerStatus::TimedOut),
-            )) => status,
+            )) => Some(status),
             Some(Ok(AnswerStatus::Skipped) | Err(_)) => {
-                faults.push(self.fault("status", "answered, late, timed_out"));
-                return None;
+                faults.push(self.fault("status", "answered, late, timed_out, or nothing"));
+                None
             }
-        };
-        let is_timed = question.step.plan.limit_ms.is_some();
-        if !is_timed && status != AnswerStatus::Answered {
-            faults.push(self.fault("status", "answered, because this question has no limit"));
-            return None;
         }
+    }
+
+    fn reply(
+        &self,
+        question: &Question,
+        status: AnswerStatus,
+        faults: &mut Vec<Fault>,
+    ) -> Option<Reply> {
         let action = self.value("action");
         if status == AnswerStatus::TimedOut {
             if action.is_some() {
@@ -322,63 +257,106 @@ impl<'a> Row<'a> {
         })
     }
 
-    /// When the question was shown and answered.
-    fn times(
-        &self,
-        question: &Question,
-        now: Timestamp,
-        faults: &mut Vec<Fault>,
-    ) -> Option<(Option<Timestamp>, Timestamp)> {
+    /// When the question was shown and answered, as far as the row tells: the moments, or how long it took, from which a
+    /// missing moment follows. A row without any gets the time of the import.
+    fn times(&self, now: Timestamp, faults: &mut Vec<Fault>) -> Option<Times> {
         let before = faults.len();
-        let at = self
-            .number::<i64>("answered_at_ms", faults)
-            .map_or(now, Timestamp);
-        let server_ms = self.number::<u32>("server_ms", faults);
-        let shown_at = self
-            .number::<i64>("shown_at_ms", faults)
-            .or_else(|| Some(at.0 - i64::from(server_ms?)));
-        let shown_at = match (shown_at, question.step.plan.limit_ms) {
-            (Some(shown_at), _) => Some(shown_at),
-            (None, None) => None,
-            (None, Some(_)) => self
-                .number::<u32>("client_rt_ms", faults)
-                .map(|rt_ms| at.0 - i64::from(rt_ms)),
-        };
-        if shown_at.is_some_and(|shown_at| shown_at > at.0) {
-            faults.push(self.fault("shown_at_ms", "a time before answered_at_ms"));
-        }
+        let shown_at = self.moment("shown_at_ms", now, faults);
+        let answered_at = self.moment("answered_at_ms", now, faults);
+        let took = self.number::<u32>("server_ms", faults).map(i64::from);
         if faults.len() > before {
             return None;
         }
-        let Some(limit_ms) = question.step.plan.limit_ms else {
-            return Some((shown_at.map(Timestamp), at));
+        let (shown_at, at) = match (shown_at, answered_at, took) {
+            (Some(shown_at), Some(at), _) if shown_at > at => {
+                faults.push(self.fault("shown_at_ms", "a moment before answered_at_ms"));
+                return None;
+            }
+            (Some(shown_at), Some(at), Some(took)) if at - shown_at != took => {
+                let allowed = format!(
+                    "{}, which lies between shown_at_ms and answered_at_ms, or nothing",
+                    at - shown_at
+                );
+                faults.push(self.fault("server_ms", allowed));
+                return None;
+            }
+            (Some(_), None, None) => {
+                faults.push(self.fault(
+                    "answered_at_ms",
+                    "a moment, or how long it took as server_ms, because shown_at_ms has a moment",
+                ));
+                return None;
+            }
+            (Some(shown_at), None, Some(took)) if shown_at + took > now.0 => {
+                faults.push(self.fault("server_ms", "a time that was over before now"));
+                return None;
+            }
+            (shown_at, Some(at), took) => (shown_at.or(took.map(|took| at - took)), at),
+            (Some(shown_at), None, Some(took)) => (Some(shown_at), shown_at + took),
+            (None, None, took) => (took.map(|took| now.0 - took), now.0),
         };
-        let Some(shown_at) = shown_at.map(Timestamp) else {
-            faults.push(self.fault(
+        Some(Times {
+            shown_at: shown_at.map(Timestamp),
+            at: Timestamp(at),
+            are_moments: self
+                .value("answered_at_ms")
+                .or(self.value("shown_at_ms"))
+                .is_some(),
+        })
+    }
+
+    /// What is wrong with the status for this question's limit, or for a question without one.
+    fn limit_fault(
+        &self,
+        question: &Question,
+        status: AnswerStatus,
+        times: Times,
+    ) -> Option<Fault> {
+        let Some(limit_ms) = question.step.plan.limit_ms else {
+            return (status != AnswerStatus::Answered)
+                .then(|| self.fault("status", "answered, because this question has no limit"));
+        };
+        let Some(shown_at) = times.shown_at else {
+            return Some(self.fault(
                 "server_ms",
-                "a time in milliseconds, here, as shown_at_ms or as client_rt_ms, because this question has a limit",
+                "how long it took in milliseconds, here or as shown_at_ms and answered_at_ms, because this question has a limit; \
+                 a mapping can take a column of response times for it",
             ));
-            return None;
         };
         let deadline = Deadline::new(limit_ms, TimeFactor::ONE, DEFAULT_GRACE_MS);
-        let is_late = at > deadline.closes_at(shown_at);
-        let has_run_out = deadline.has_run_out(at.millis_since(shown_at));
-        let (fits, allowed) = match self.value("status") {
-            Some("late") => (
+        let is_late = times.at > deadline.closes_at(shown_at);
+        let (fits, allowed) = match status {
+            AnswerStatus::Late => (
                 is_late,
                 "answered, because it came before the limit and its grace",
             ),
-            Some("timed_out") => (has_run_out, "answered, because the limit had not passed"),
-            Some(_) | None => (
+            AnswerStatus::TimedOut => (
+                deadline.has_run_out(times.at.millis_since(shown_at)),
+                "answered, because the limit had not passed",
+            ),
+            AnswerStatus::Answered | AnswerStatus::Skipped => (
                 !is_late,
                 "late or timed_out, because the limit and its grace had passed",
             ),
         };
-        if !fits {
-            faults.push(self.fault("status", allowed));
-            return None;
+        (!fits).then(|| self.fault("status", allowed))
+    }
+
+    /// A moment in milliseconds since 1970: written so, or as a date and time.
+    fn moment(&self, ours: &str, now: Timestamp, faults: &mut Vec<Fault>) -> Option<i64> {
+        let value = self.value(ours)?;
+        let moment = value.parse().ok().or_else(|| {
+            let moment: jiff::Timestamp = value.parse().ok()?;
+            Some(moment.as_millisecond())
+        });
+        let moment = moment.filter(|moment| (0..=now.0).contains(moment));
+        if moment.is_none() {
+            faults.push(self.fault(
+                ours,
+                "a moment from 1970 until now in milliseconds since then (UTC), or with its offset as in 2019-05-03T10:15:00Z, or nothing",
+            ));
         }
-        Some((Some(shown_at), at))
+        moment
     }
 
     fn number<N: FromStr>(&self, ours: &str, faults: &mut Vec<Fault>) -> Option<N> {
@@ -396,22 +374,26 @@ impl<'a> Row<'a> {
             .collect();
         let timing = ClientTiming::read(&fields);
         // A page's claim that makes no sense is no measurement; a file's is a mistake in the file.
-        for (name, is_read) in [
-            ("client_rt_ms", timing.client_rt_ms.is_some()),
-            ("hidden_ms", timing.hidden_ms.is_some()),
+        for (name, is_read, allowed) in [
+            (
+                "client_rt_ms",
+                timing.client_rt_ms.is_some(),
+                "a whole number of milliseconds up to a day, or nothing",
+            ),
+            (
+                "hidden_ms",
+                timing.hidden_ms.is_some(),
+                "a whole number of milliseconds up to a day, or nothing",
+            ),
+            (
+                "input",
+                timing.input.is_some(),
+                "mouse, touch, pen, keyboard, or nothing",
+            ),
         ] {
-            let is_told = faults
-                .iter()
-                .any(|fault| fault.column == self.fault(name, "").column);
-            if self.value(name).is_some() && !is_read && !is_told {
-                faults.push(self.fault(
-                    name,
-                    "a whole number of milliseconds up to a day, or nothing",
-                ));
+            if self.value(name).is_some() && !is_read {
+                faults.push(self.fault(name, allowed));
             }
-        }
-        if self.value("input").is_some() && timing.input.is_none() {
-            faults.push(self.fault("input", "mouse, touch, pen, keyboard, or nothing"));
         }
         timing
     }

@@ -7,6 +7,7 @@
 //!   [`diagnostics`];
 //! * [`fit`]: a posterior by Metropolis–Hastings, with its [`Draws`] and its [`FitSummary`];
 //! * [`comparison`]: which of several models predicts better;
+//! * [`factor`]: whether groups of people choose differently;
 //! * [`sequential`]: how the evidence grew, and when it was enough;
 //! * what is read off a fit: [`accuracy`], [`curves`], [`predictive_check`], [`predict_from_draws`], [`wilson_interval`];
 //! * [`DrawsExport`]: the draws for other programs;
@@ -25,6 +26,7 @@ pub mod curves;
 pub mod diagnostics;
 mod draws;
 mod export;
+pub mod factor;
 mod fit;
 pub mod lanes;
 mod likelihood;
@@ -59,7 +61,7 @@ pub use prediction::{ActionPrediction, Prediction, predict_from_draws};
 pub use priors::{PAPER_RANGE_FLOOR, Prior, PriorError, Priors, WEIGHTING_FLOOR};
 pub use proportion::wilson_interval;
 pub use reference_reward::{ReferenceRewardError, default_reference_reward};
-pub use simulated::{SimulatedFitError, SimulatedPerson, SimulationError};
+pub use simulated::{SimulatedFitError, SimulatedPerson, SimulationError, draw_action};
 pub use summary::{
     Diagnostics, Estimate, FitSummary, ParameterSummary, PredictedShare, QuantityDiagnostics,
     Source,

@@ -9,7 +9,8 @@ use super::{
     ReferenceRewardError,
 };
 use crate::model::{
-    ChoiceError, ChoiceModel, Parameter, Parameters, RiskAwareOptions, probabilities, value,
+    ChoiceError, ChoiceModel, ChoiceProblem, Parameter, Parameters, RiskAwareOptions,
+    probabilities, value,
 };
 
 /// A person as a model sees one.
@@ -139,6 +140,21 @@ fn reference_value(parameters: &Parameters, reference_reward: f64) -> f64 {
     let [alpha, beta, lambda] =
         [Parameter::Alpha, Parameter::Beta, Parameter::Lambda].map(|name| parameters.get(name));
     value(reference_reward, alpha, beta, lambda).abs()
+}
+
+/// The position of the action that a person chooses, drawn with the probabilities of the model.
+///
+/// * `options`: those of the [model](ChoiceModel::options) that the person follows.
+///
+/// # Errors
+/// When the model gives no probabilities.
+pub fn draw_action(
+    problem: &ChoiceProblem,
+    parameters: &Parameters,
+    options: RiskAwareOptions,
+    rng: &mut impl Rng,
+) -> Result<usize, ChoiceError> {
+    Ok(choose(&probabilities(problem, parameters, options)?, rng))
 }
 
 /// One answer: an action's position, drawn with the actions' probabilities.

@@ -164,6 +164,27 @@ pub struct Diagnostics {
     pub predicted: OrderedMap<QuantityDiagnostics>,
 }
 
+impl Diagnostics {
+    /// The largest R̂ over parameters and predictions; `None` where nothing moved.
+    pub fn rhat_max(&self) -> Option<f64> {
+        self.all(|quantity| quantity.rhat).max_by(f64::total_cmp)
+    }
+
+    /// The smallest effective sample size, bulk or tail, over parameters and predictions.
+    pub fn ess_min(&self) -> Option<f64> {
+        self.all(|quantity| quantity.ess_bulk.min(quantity.ess_tail))
+            .min_by(f64::total_cmp)
+    }
+
+    fn all(&self, of: impl Fn(&QuantityDiagnostics) -> f64) -> impl Iterator<Item = f64> {
+        self.parameters
+            .iter()
+            .chain(self.predicted.iter())
+            .map(move |(_, quantity)| of(quantity))
+            .filter(|value| value.is_finite())
+    }
+}
+
 /// Convergence of one quantity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct QuantityDiagnostics {

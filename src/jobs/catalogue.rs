@@ -7,7 +7,7 @@ use std::{
 
 use super::{live_fits::LiveFits, snapshot_cache::SnapshotCache};
 use crate::{
-    store::{self, Store, StudyRow, StudyState, StudyVersion, VersionId},
+    store::{self, Population, Store, StudyRow, StudyState, StudyVersion, VersionId},
     study::{ParseError, Study, StudyId, built_in, step::NamedReplay},
 };
 
@@ -62,15 +62,16 @@ impl Catalogue {
         store: &Store,
         files: Vec<(String, String)>,
     ) -> Result<Self, CatalogueError> {
-        Self::publish_but(store, parse(files)?, &[]).await
+        Self::publish_but(store, parse(files)?, &[], &[]).await
     }
 
     /// The same for studies that were read already. Those in `left_alone` are served as they are stored, because their
-    /// files cannot be read.
+    /// files cannot be read. Those in `unwanted` that have no file are served only if somebody has begun them.
     pub(super) async fn publish_but(
         store: &Store,
         studies: Vec<Study>,
         left_alone: &[StudyId],
+        unwanted: &[StudyId],
     ) -> Result<Self, CatalogueError> {
         let mut served = Served::default();
         let stored = store.studies().await?;
@@ -84,7 +85,7 @@ impl Catalogue {
             served.add_earlier(store, &study, version).await?;
             served.add(version, Arc::new(study));
         }
-        served.add_stored(store).await?;
+        served.add_stored(store, unwanted).await?;
         Ok(Self::of(served))
     }
 
@@ -99,6 +100,15 @@ impl Catalogue {
             served.add_versions(store, &row).await?;
         }
         Ok(Self::of(served))
+    }
+
+    /// Publishes no file: what the database holds is served as it is stored, but of the built-in studies only what somebody
+    /// has begun.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn publish_without_built_in(store: &Store) -> Result<Self, CatalogueError> {
+        Self::publish_but(store, Vec::new(), &[], &built_in_ids()?).await
     }
 
     fn of(served: Served) -> Self {
@@ -201,10 +211,22 @@ impl Served {
 
     /// Studies whose file is gone are served as they were stored, so that people under way can finish and their
     /// answers can be read.
-    async fn add_stored(&mut self, store: &Store) -> Result<(), CatalogueError> {
+    /// Unwanted ones are left out unless somebody has begun them, because the links of these people were promised to work.
+    async fn add_stored(
+        &mut self,
+        store: &Store,
+        unwanted: &[StudyId],
+    ) -> Result<(), CatalogueError> {
         for row in store.studies().await? {
             if self.current.iter().any(|(_, study)| *study.id() == row.id) {
                 continue;
+            }
+            if unwanted.contains(&row.id) {
+                let people = store.totals(&row.id, Population::People).await?;
+                let simulated = store.totals(&row.id, Population::Simulated).await?;
+                if people.started == 0 && simulated.started == 0 {
+                    continue;
+                }
             }
             self.add_versions(store, &row).await?;
             if self.current.iter().any(|(_, study)| *study.id() == row.id) {
@@ -250,7 +272,7 @@ impl Served {
 
 /// A stored text as this program reads it; nothing where it cannot, which must not keep anything else from being served.
 fn readable(study: &StudyId, stored: &StudyVersion) -> Option<Study> {
-    let name = format!("version {} of {study}", stored.id);
+    let name = format!("version {} of {study}", stored.number);
     Study::parse(&name, &stored.text)
         .inspect_err(
             |error| tracing::warn!(%error, "a stored study version is not readable any more"),
@@ -265,6 +287,14 @@ fn state_if_new(study: &Study) -> StudyState {
     } else {
         StudyState::Draft
     }
+}
+
+/// The ids of the studies that are compiled in.
+pub(super) fn built_in_ids() -> Result<Vec<StudyId>, ParseError> {
+    built_in()
+        .into_iter()
+        .map(|(name, text)| Ok(Study::parse(name, text)?.id().clone()))
+        .collect()
 }
 
 /// Reads study files in their order. A file may replace a built-in study, but no other file.

@@ -112,27 +112,12 @@ impl FitReport {
 
     /// The largest R̂ over parameters and predictions; `None` where nothing moved.
     pub fn rhat_max(&self) -> Option<f64> {
-        self.diagnostics(|quantity| quantity.rhat)
-            .max_by(f64::total_cmp)
+        self.summary.diagnostics.rhat_max()
     }
 
     /// The smallest effective sample size, bulk or tail, over parameters and predictions.
     pub fn ess_min(&self) -> Option<f64> {
-        self.diagnostics(|quantity| quantity.ess_bulk.min(quantity.ess_tail))
-            .min_by(f64::total_cmp)
-    }
-
-    fn diagnostics(
-        &self,
-        of: impl Fn(&crate::inference::QuantityDiagnostics) -> f64,
-    ) -> impl Iterator<Item = f64> {
-        let diagnostics = &self.summary.diagnostics;
-        let all = diagnostics
-            .parameters
-            .iter()
-            .chain(diagnostics.predicted.iter());
-        all.map(move |(_, quantity)| of(quantity))
-            .filter(|value| value.is_finite())
+        self.summary.diagnostics.ess_min()
     }
 }
 

@@ -11,7 +11,8 @@
 //!   remembered of them; `quiet`: when a study is idle;
 //! * [`PlanComparison`], [`SequentialEvidence`]: what belongs beside the fits;
 //! * [`refit`], [`evidence`], [`closing`]: the background tasks;
-//! * [`Sweeps`]: simulated sweeps on demand, with the problems that they run over ([`swept_problems`]);
+//! * [`OnDemand`]: work that is done when somebody asks for it: [`Sweeps`], simulated sweeps, with the problems that they
+//!   run over ([`swept_problems`]); [`SourceFits`], the models fitted to people from each source;
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
 //!   `known_fits` the fits that were read for it; [`Released`] is what strangers see of it.
 //!
@@ -30,12 +31,14 @@ mod known_fits;
 mod lane;
 mod live_fits;
 mod looks;
+mod on_demand;
 mod plan_comparison;
 mod quiet;
 pub mod refit;
 mod released;
 mod snapshot;
 mod snapshot_cache;
+mod source_fits;
 mod study_folder;
 mod sweep_problems;
 mod sweeps;
@@ -45,12 +48,14 @@ pub use counts::{QuestionCounts, StudyCounts};
 pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
+pub use on_demand::{Asker, OnDemand, Work, WorkState};
 pub use plan_comparison::PlanComparison;
 pub use released::Released;
 pub use snapshot::{Blind, NotFinal, PartFit, PartState, Snapshot, Version};
+pub use source_fits::{LeftOutReason, SourceComparison, SourceFitInput, SourceFits, StudySource};
 pub use study_folder::{FolderError, Prepare, StudyFolder};
 pub use sweep_problems::{SweptProblem, swept_problems};
-pub use sweeps::{Asker, SweepInput, SweepResult, SweepState, Sweeps};
+pub use sweeps::{SweepInput, SweepResult, SweepState, Sweeps};
 
 use std::sync::Arc;
 

@@ -5,7 +5,7 @@
 //! on every file system, also where an editor replaces files or the folder is mounted from elsewhere.
 
 use std::{
-    collections::HashMap,
+    collections::{HashMap, HashSet},
     path::{Path, PathBuf},
     sync::Arc,
     time::{Duration, SystemTime},
@@ -14,7 +14,7 @@ use std::{
 use tokio::time::{MissedTickBehavior, interval};
 use tokio_util::sync::CancellationToken;
 
-use super::{Catalogue, CatalogueError};
+use super::{Catalogue, CatalogueError, catalogue::built_in_ids};
 use crate::{
     store::{self, Store},
     study::{Study, StudyId, built_in},
@@ -30,7 +30,10 @@ pub type Prepare = Arc<dyn Fn(&Study) -> Result<(), String> + Send + Sync>;
 #[derive(Debug)]
 pub struct StudyFolder {
     path: PathBuf,
+    has_built_in: bool,
     known: HashMap<PathBuf, Known>,
+    /// Whether something was served since refused files were read last, which may be what they waited for.
+    reads_refused: bool,
 }
 
 /// A file as it was last read.
@@ -55,6 +58,13 @@ enum Outcome {
     Duplicate,
 }
 
+/// What is different in the folder.
+struct Changes {
+    files: Vec<Changed>,
+    /// Files that were there at the last look.
+    gone: Vec<PathBuf>,
+}
+
 /// A file that is to be read.
 struct Changed {
     path: PathBuf,
@@ -67,22 +77,35 @@ impl StudyFolder {
     pub fn new(path: &Path) -> Self {
         Self {
             path: path.to_owned(),
+            has_built_in: true,
             known: HashMap::new(),
+            reads_refused: false,
         }
     }
 
-    /// Publishes the built-in studies and those of the folder, which replace built-in ones of the same id. A file that
+    /// The same without the built-in studies. Those that somebody has begun are served as they are stored.
+    #[must_use]
+    pub fn without_built_in(self) -> Self {
+        Self {
+            has_built_in: false,
+            ..self
+        }
+    }
+
+    /// Publishes the built-in studies, if they are wanted, and those of the folder, which replace built-in ones of the same id. A file that
     /// cannot be read keeps nothing else from being served.
     ///
     /// # Errors
     /// When a built-in study is refused, the folder cannot be listed, or the database fails.
     pub async fn publish(&mut self, store: &Store) -> Result<Catalogue, FolderError> {
         let mut studies = Vec::new();
-        for (name, text) in built_in() {
-            studies.push(Study::parse(name, text).map_err(CatalogueError::from)?);
+        if self.has_built_in {
+            for (name, text) in built_in() {
+                studies.push(Study::parse(name, text).map_err(CatalogueError::from)?);
+            }
         }
         let (mut errors, mut left_alone, mut given) = (Vec::new(), Vec::new(), Vec::new());
-        for changed in self.changed()? {
+        for changed in self.changed()?.files {
             let path = changed.path.clone();
             match self.read(changed) {
                 Ok(Some(study)) => {
@@ -102,7 +125,12 @@ impl StudyFolder {
         }
         // A study that another file describes is served from there.
         left_alone.retain(|study| !given.contains(study));
-        let catalogue = Catalogue::publish_but(store, studies, &left_alone).await?;
+        let unwanted = if self.has_built_in {
+            Vec::new()
+        } else {
+            built_in_ids().map_err(CatalogueError::from)?
+        };
+        let catalogue = Catalogue::publish_but(store, studies, &left_alone, &unwanted).await?;
         for (path, error) in errors {
             refuse(&catalogue, &path, error);
         }
@@ -140,12 +168,19 @@ impl StudyFolder {
         catalogue: &Catalogue,
         prepare: &Prepare,
     ) -> Result<(), FolderError> {
-        for changed in self.changed()? {
+        let Changes { files, gone } = self.changed()?;
+        for path in gone {
+            catalogue.note_file(&path.display().to_string(), None);
+        }
+        for changed in files {
             let path = changed.path.clone();
             match self.read(changed) {
                 Ok(None) => catalogue.note_file(&path.display().to_string(), None),
                 Ok(Some(study)) => match renew(store, catalogue, prepare, &path, study).await {
-                    Ok(()) => self.note(&path, Outcome::Served),
+                    Ok(()) => {
+                        self.note(&path, Outcome::Served);
+                        self.reads_refused = true;
+                    }
                     Err(NotRenewed::Refused(error)) => refuse(catalogue, &path, error),
                     Err(NotRenewed::Store(error)) => {
                         // Forgotten, so that the next look tries again.
@@ -165,13 +200,15 @@ impl StudyFolder {
         }
     }
 
-    /// The files that are new, look different from when they were last read, or wait for another one to go, by name.
-    fn changed(&self) -> Result<Vec<Changed>, FolderError> {
+    /// The files that are new or look different from when they were last read, by name. Where anything is different, those that
+    /// were refused come after them: what was wrong may have been another file.
+    fn changed(&mut self) -> Result<Changes, FolderError> {
         let failed = |error| FolderError::Folder {
             folder: self.path.clone(),
             error,
         };
-        let mut changed = Vec::new();
+        let (mut changed, mut refused) = (Vec::new(), Vec::new());
+        let mut there = HashSet::new();
         for entry in std::fs::read_dir(&self.path).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
             if path.extension().is_none_or(|extension| extension != "toml") {
@@ -181,22 +218,43 @@ impl StudyFolder {
             let Ok(metadata) = std::fs::metadata(&path) else {
                 continue;
             };
+            there.insert(path.clone());
             let (modified, length) = (metadata.modified().ok(), metadata.len());
-            let is_known = self.known.get(&path).is_some_and(|known| {
-                known.modified == modified
-                    && known.length == length
-                    && known.outcome != Outcome::Duplicate
+            let found = self
+                .known
+                .get(&path)
+                .filter(|known| known.modified == modified && known.length == length);
+            let list = match found.map(|known| known.outcome) {
+                None => &mut changed,
+                Some(Outcome::Refused | Outcome::Duplicate) => &mut refused,
+                Some(Outcome::Served) => continue,
+            };
+            list.push(Changed {
+                path,
+                modified,
+                length,
             });
-            if !is_known {
-                changed.push(Changed {
-                    path,
-                    modified,
-                    length,
-                });
-            }
         }
-        changed.sort_by(|one, other| one.path.cmp(&other.path));
-        Ok(changed)
+        let gone: Vec<PathBuf> = self
+            .known
+            .keys()
+            .filter(|path| !there.contains(*path))
+            .cloned()
+            .collect();
+        for path in &gone {
+            self.known.remove(path);
+        }
+        let reads_refused = std::mem::take(&mut self.reads_refused);
+        let by_name = |one: &Changed, other: &Changed| one.path.cmp(&other.path);
+        changed.sort_by(by_name);
+        if reads_refused || !changed.is_empty() || !gone.is_empty() {
+            refused.sort_by(by_name);
+            changed.append(&mut refused);
+        }
+        Ok(Changes {
+            files: changed,
+            gone,
+        })
     }
 
     /// Reads a file; nothing if its text is the one that is served.
@@ -244,9 +302,7 @@ impl StudyFolder {
     fn other_file_of(&self, study: &StudyId, path: &Path) -> Option<&Path> {
         self.known
             .iter()
-            .filter(|(other, known)| {
-                other.as_path() != path && known.outcome != Outcome::Duplicate && other.exists()
-            })
+            .filter(|(other, known)| other.as_path() != path && known.outcome != Outcome::Duplicate)
             .find(|(_, known)| known.study.as_ref() == Some(study))
             .map(|(other, _)| other.as_path())
     }
@@ -308,13 +364,18 @@ async fn renew(
         .await
         .map_err(NotRenewed::Store)?;
     catalogue.note_file(&path.display().to_string(), None);
-    tracing::info!(study = %id, version = version.get(), file = %path.display(), "a study file is served in a new version");
+    let version = store
+        .study_version(version)
+        .await
+        .map_err(NotRenewed::Store)?
+        .number;
+    tracing::info!(study = %id, %version, file = %path.display(), "a study file is served in a new version");
     Ok(())
 }
 
 fn refuse(catalogue: &Catalogue, path: &Path, error: String) {
     let file = path.display().to_string();
-    // A file that waits for another one to go is read at each look, and told of once.
+    // A file that is refused again for the same reason is told of once.
     if catalogue.file_errors().get(&file) != Some(&error) {
         tracing::error!(file, %error, "a study file is refused; what was served before goes on");
     }

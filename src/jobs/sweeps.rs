@@ -1,23 +1,14 @@
-//! Sweeps on demand: one at a time on a thread of low priority, kept by what they depend on.
-//!
-//! A sweep is a pure function of its input, and takes seconds. So it is computed when somebody asks for it, at most one at a
-//! time, and the latest ones are kept in memory; a restart forgets them.
+//! Sweeps, which are computed on demand.
 
-use std::{
-    collections::{HashMap, VecDeque},
-    ops::ControlFlow,
-    panic::{AssertUnwindSafe, catch_unwind},
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicUsize, Ordering},
-    },
-};
+use std::ops::ControlFlow;
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use tokio_util::sync::CancellationToken;
 
-use super::fit_input::PROGRAM_VERSION;
+use super::{
+    fit_input::PROGRAM_VERSION,
+    on_demand::{OnDemand, Work, WorkState},
+};
 use crate::inference::{
     FitError, FitSettings,
     sweep::{
@@ -26,13 +17,6 @@ use crate::inference::{
     },
 };
 use crate::model::{ChoiceModel, ChoiceProblem};
-
-/// Sweeps that may wait for their turn.
-const QUEUE: usize = 8;
-/// How many of these places strangers may take.
-const QUEUE_OF_STRANGERS: usize = 2;
-/// Finished sweeps that are kept.
-const KEPT: usize = 64;
 
 /// What is to be computed, with the hash of all that it depends on.
 #[derive(Debug, Clone)]
@@ -138,192 +122,49 @@ impl SweepInput {
     }
 }
 
-/// Who asks for a sweep.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Asker {
-    /// Somebody with an account or a token, or whoever sits at this machine.
-    Known,
-    /// Anybody, of a public study: finds no place where researchers might need it.
-    Stranger,
-}
-
 /// How far a sweep is.
-#[derive(Debug, Clone)]
-pub enum SweepState {
-    /// Others come first, or it is being computed.
-    Running {
-        /// Fits that are done.
-        done: usize,
-        /// All fits.
-        of: usize,
-        /// Sweeps that come before it.
-        ahead: usize,
-    },
-    /// Done.
-    Ready(Arc<SweepResult>),
-    /// Broke off with a message.
-    Failed(String),
-}
+pub type SweepState = WorkState<SweepResult>;
 
 /// The sweeps of one server.
-#[derive(Debug, Clone)]
-pub struct Sweeps {
-    shared: Arc<Mutex<Shared>>,
-    stop: CancellationToken,
-}
+pub type Sweeps = OnDemand<SweepInput>;
 
-#[derive(Debug, Default)]
-struct Shared {
-    /// The one that is being computed.
-    current: Option<(String, Arc<AtomicUsize>, usize)>,
-    queue: VecDeque<SweepInput>,
-    finished: HashMap<String, Result<Arc<SweepResult>, String>>,
-    /// The keys of `finished`, oldest first.
-    order: VecDeque<String>,
-    has_worker: bool,
-}
+impl Work for SweepInput {
+    type Output = SweepResult;
 
-impl Sweeps {
-    /// No sweep yet; what is being computed ends with `stop`.
-    pub fn new(stop: CancellationToken) -> Self {
-        Self {
-            shared: Arc::default(),
-            stop,
-        }
+    const NAME: &'static str = "sweep";
+
+    fn hash(&self) -> &str {
+        &self.hash
     }
 
-    /// The sweep of this input: finished, or on its way from now on.
-    pub fn ask(&self, input: &SweepInput, asker: Asker) -> SweepState {
-        let mut shared = self.lock();
-        let of = input.fits();
-        match shared.finished.get(&input.hash) {
-            Some(Ok(result)) => return SweepState::Ready(result.clone()),
-            Some(Err(message)) => return SweepState::Failed(message.clone()),
-            None => {}
-        }
-        if let Some((hash, done, of)) = &shared.current
-            && *hash == input.hash
-        {
-            return SweepState::Running {
-                done: done.load(Ordering::Relaxed),
-                of: *of,
-                ahead: 0,
-            };
-        }
-        let running = usize::from(shared.current.is_some());
-        let waiting = shared
-            .queue
-            .iter()
-            .position(|other| other.hash == input.hash);
-        let places = match asker {
-            Asker::Known => QUEUE,
-            Asker::Stranger => QUEUE_OF_STRANGERS,
-        };
-        let place = match waiting {
-            Some(place) => place,
-            // Whoever asks again gets a place once there is one.
-            None if shared.queue.len() >= places => QUEUE,
-            None => {
-                shared.queue.push_back(input.clone());
-                shared.queue.len() - 1
-            }
-        };
-        if !shared.has_worker && !self.stop.is_cancelled() {
-            let worker = self.clone();
-            let started = std::thread::Builder::new()
-                .name("sweep".to_owned())
-                .spawn(move || worker.work());
-            match started {
-                Ok(_) => shared.has_worker = true,
-                Err(error) => tracing::error!(%error, "the thread for sweeps could not be started"),
-            }
-        }
-        SweepState::Running {
-            done: 0,
-            of,
-            ahead: place + running,
-        }
+    fn fits(&self) -> usize {
+        self.fits()
     }
 
-    fn lock(&self) -> MutexGuard<'_, Shared> {
-        // Nothing can be left half done under this lock.
-        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Computes until nothing waits.
-    fn work(&self) {
-        // Behind answers, pages and refits.
-        if let Err(error) = rustix::process::nice(19) {
-            tracing::debug!(%error, "the priority of sweeps could not be lowered");
+    fn run(
+        &self,
+        watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    ) -> Result<SweepResult, FitError> {
+        let mut scores = Vec::with_capacity(self.fits());
+        for task in 0..self.fits() {
+            scores.push(self.simulation.run(task, &mut |_| watch(task))?);
         }
-        while let Some((input, done)) = self.next() {
-            let result = catch_unwind(AssertUnwindSafe(|| compute(&input, &done, &self.stop)));
-            let result = match result {
-                Ok(Ok(result)) => Ok(Arc::new(result)),
-                Ok(Err(FitError::Stopped)) => return,
-                Ok(Err(error)) => Err(error.to_string()),
-                Err(_) => Err("the program has a fault".to_owned()),
-            };
-            if let Err(error) = &result {
-                tracing::error!(error, "a sweep failed");
-            }
-            let mut shared = self.lock();
-            shared.current = None;
-            if shared.order.len() >= KEPT
-                && let Some(oldest) = shared.order.pop_front()
-            {
-                shared.finished.remove(&oldest);
-            }
-            shared.order.push_back(input.hash.clone());
-            shared.finished.insert(input.hash, result);
-        }
+        Ok(match &self.kind {
+            Kind::Share(sweep) => SweepResult::Share(sweep.report(&self.simulation, &scores)),
+            Kind::Gap(sweep) => SweepResult::Gap(sweep.report(&self.simulation, &scores)),
+        })
     }
-
-    fn next(&self) -> Option<(SweepInput, Arc<AtomicUsize>)> {
-        let mut shared = self.lock();
-        let next = shared.queue.pop_front();
-        match next {
-            Some(input) => {
-                let done = Arc::new(AtomicUsize::new(0));
-                shared.current = Some((input.hash.clone(), done.clone(), input.fits()));
-                Some((input, done))
-            }
-            None => {
-                // Under the same lock under which another request would start the next worker.
-                shared.has_worker = false;
-                None
-            }
-        }
-    }
-}
-
-fn compute(
-    input: &SweepInput,
-    done: &AtomicUsize,
-    stop: &CancellationToken,
-) -> Result<SweepResult, FitError> {
-    let mut watch = |_| {
-        if stop.is_cancelled() {
-            ControlFlow::Break(())
-        } else {
-            ControlFlow::Continue(())
-        }
-    };
-    let mut scores = Vec::with_capacity(input.fits());
-    for task in 0..input.fits() {
-        scores.push(input.simulation.run(task, &mut watch)?);
-        done.store(task + 1, Ordering::Relaxed);
-    }
-    Ok(match &input.kind {
-        Kind::Share(sweep) => SweepResult::Share(sweep.report(&input.simulation, &scores)),
-        Kind::Gap(sweep) => SweepResult::Gap(sweep.report(&input.simulation, &scores)),
-    })
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use tokio_util::sync::CancellationToken;
+
     use super::*;
     use crate::inference::FittedProblem;
+    use crate::jobs::{Asker, on_demand::QUEUE};
     use crate::model::NOISY_RATIONAL;
 
     fn input(n: u64) -> SweepInput {
@@ -395,7 +236,6 @@ mod tests {
                 "{state:?}"
             );
         }
-        assert_eq!(sweeps.lock().queue.len(), QUEUE);
         assert!(matches!(
             sweeps.ask(&input(2), Asker::Known),
             SweepState::Running { .. }

@@ -2,7 +2,7 @@
 
 use super::{
     AnalysisSet, AnswerStatus, Error, EventId, EventKind, Population, RunId, RunState, Store,
-    Verdict, VersionId,
+    Verdict, VersionId, VersionNumber,
 };
 use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
 
@@ -30,6 +30,8 @@ pub struct AnswerRow {
     pub key: AnswerKey,
     /// The version of the study file.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// The state of the run now.
     pub run_state: RunState,
     /// The block.
@@ -50,8 +52,8 @@ pub struct AnswerRow {
     pub is_practice: bool,
     /// When the question was first shown.
     pub shown_at: Option<Timestamp>,
-    /// When it was answered or closed.
-    pub answered_at: Timestamp,
+    /// When it was answered or closed; none where an import did not tell.
+    pub answered_at: Option<Timestamp>,
     /// Milliseconds between the two on the server's clock.
     pub server_ms: Option<u64>,
     /// The response time that the page measured.
@@ -103,6 +105,7 @@ struct ExportRow {
     run_id: RunId,
     position: u32,
     version_id: VersionId,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     run_state: RunState,
     block: String,
@@ -115,7 +118,7 @@ struct ExportRow {
     is_fitted: bool,
     is_practice: bool,
     shown_at_ms: Option<i64>,
-    answered_at_ms: i64,
+    answered_at_ms: Option<i64>,
     server_ms: Option<i64>,
     client_rt_ms: Option<i64>,
     limit_ms: Option<i64>,
@@ -153,12 +156,14 @@ impl Store {
         let rows: Vec<ExportRow> = sqlx::query_as(
             r#"
             select
-                answer.run_id, answer.position, run.version_id, run.state as run_state, step.block, step.question,
-                problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
-                answer.shown_at_ms, answer.answered_at_ms, answer.server_ms, answer.client_rt_ms, answer.limit_ms,
-                answer.input, answer.hidden_ms, run.source
+                answer.run_id, answer.position, run.version_id, study_version.number as version_number,
+                run.state as run_state, step.block, step.question, problem.cell, answer.action, answer.status, answer.is_counted, step.is_fitted, step.is_practice,
+                iif(run.has_times, answer.shown_at_ms, null) as shown_at_ms,
+                iif(run.has_times, answer.answered_at_ms, null) as answered_at_ms,
+                answer.server_ms, answer.client_rt_ms, answer.limit_ms, answer.input, answer.hidden_ms, run.source
             from run
             -- cross join: runs in order first, so that a page stops after its rows and sorts nothing
+            cross join study_version on study_version.id = run.version_id
             cross join answer on answer.run_id = run.id
             cross join step on step.run_id = answer.run_id and step.position = answer.position
             left join problem on problem.id = answer.problem_id
@@ -250,6 +255,7 @@ impl ExportRow {
                 position: self.position,
             },
             version: self.version_id,
+            version_number: self.version_number,
             run_state: self.run_state,
             block: self.block.into(),
             question: self.question.map(QuestionId::from),
@@ -260,7 +266,7 @@ impl ExportRow {
             is_fitted: self.is_fitted,
             is_practice: self.is_practice,
             shown_at: self.shown_at_ms.map(Timestamp),
-            answered_at: Timestamp(self.answered_at_ms),
+            answered_at: self.answered_at_ms.map(Timestamp),
             server_ms: millis(self.server_ms),
             client_rt_ms: millis(self.client_rt_ms),
             limit_ms: millis(self.limit_ms),

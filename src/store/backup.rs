@@ -46,12 +46,18 @@ pub enum CopyError {
 /// Copies a database, which a server may be using, to a new file.
 ///
 /// # Errors
-/// When the database does not exist, the copy's name is taken, or reading or writing fails.
+/// When the database does not exist or is none of this program, the copy's name is taken, or reading or writing fails.
 pub async fn back_up(database: &Path, copy: &Path) -> Result<(), CopyError> {
     if !database.exists() {
         return Err(CopyError::Missing(database.to_owned()));
     }
     let mut connection = open::reading_connection(database).await?;
+    let schema = open::schema(&mut connection)
+        .await
+        .map_err(open::at(database))?;
+    if schema == Schema::None {
+        return Err(OpenError::NoSchema(database.to_owned()).into());
+    }
     let written = copy_to(&mut connection, database, copy).await;
     connection.close().await.map_err(open::at(database))?;
     written
@@ -65,7 +71,29 @@ pub async fn restore(backup: &Path, database: &Path) -> Result<(), CopyError> {
     if !backup.exists() {
         return Err(CopyError::Missing(backup.to_owned()));
     }
+    // Before the lock too, which would leave a file beside what is not this command's.
+    if let Err(taken) = require_free(database) {
+        if with_suffix(database, ".lock").exists() {
+            Lock::take(database)?;
+        }
+        return Err(taken);
+    }
+    let mut connection = open::reading_connection(backup).await?;
+    let problems = soundness(&mut connection).await.map_err(open::at(backup))?;
+    if !problems.is_empty() {
+        return Err(CopyError::Unsound {
+            path: backup.to_owned(),
+            problems,
+        });
+    }
     let _lock = Lock::take(database)?;
+    require_free(database)?;
+    let written = copy_to(&mut connection, backup, database).await;
+    connection.close().await.map_err(open::at(backup))?;
+    written
+}
+
+fn require_free(database: &Path) -> Result<(), CopyError> {
     // A log without its database would be replayed into the restored one.
     for path in [
         database.to_owned(),
@@ -76,17 +104,7 @@ pub async fn restore(backup: &Path, database: &Path) -> Result<(), CopyError> {
             return Err(CopyError::Exists(path));
         }
     }
-    let mut connection = open::reading_connection(backup).await?;
-    let problems = soundness(&mut connection).await.map_err(open::at(backup))?;
-    if !problems.is_empty() {
-        return Err(CopyError::Unsound {
-            path: backup.to_owned(),
-            problems,
-        });
-    }
-    let written = copy_to(&mut connection, backup, database).await;
-    connection.close().await.map_err(open::at(backup))?;
-    written
+    Ok(())
 }
 
 impl Store {

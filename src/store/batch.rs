@@ -164,7 +164,7 @@ impl Batch {
         if start.at.0 - arrival.created_at.0 > ARRIVAL_LIFE_MS {
             return Err(Error::NotFound("arrival"));
         }
-        let is_preview = start.is_preview || arrival.is_preview;
+        let is_preview = arrival.is_preview;
         let person = arrival.platform.clone().zip(arrival.platform_key.clone());
         let person = person
             .filter(|_| !is_preview)
@@ -262,6 +262,7 @@ impl Batch {
             expires_at: start
                 .time_limit_ms
                 .map(|limit_ms| start.at.0.saturating_add(limit_ms)),
+            has_times: true,
             at: start.at.0,
         });
         for (position, step) in (0..).zip(&candidate.steps) {

@@ -66,6 +66,7 @@ pub(super) struct NewRunRow {
     pub(super) time_factor: f64,
     pub(super) condition: Option<ConditionId>,
     pub(super) expires_at: Option<i64>,
+    pub(super) has_times: bool,
     pub(super) at: i64,
 }
 

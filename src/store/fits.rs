@@ -4,7 +4,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::job::{Job, Rare};
 use super::studies::turn_page;
-use super::{Change, Error, FitId, FitState, Population, Store, VersionId, json};
+use super::{Change, Error, FitId, FitState, Population, Store, VersionId, VersionNumber, json};
 use crate::study::{PartId, PlanId, StudyId, Timestamp};
 
 /// How many fits of one model and part are kept: each is some tens of kilobytes, and can be computed again.
@@ -74,6 +74,8 @@ pub struct Fit {
     pub data_version: i64,
     /// The version of the study file that it followed.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// The seed with which it can be repeated.
     pub seed: u64,
     /// The program that made it.
@@ -117,6 +119,7 @@ struct FitRow {
     input_hash: String,
     data_version: i64,
     version_id: VersionId,
+    version_number: VersionNumber,
     seed: i64,
     program_version: String,
     #[sqlx(try_from = "String")]
@@ -146,6 +149,7 @@ impl From<FitRow> for Fit {
             input_hash: row.input_hash,
             data_version: row.data_version,
             version: row.version_id,
+            version_number: row.version_number,
             seed: row.seed.cast_unsigned(),
             program_version: row.program_version,
             attempts: row.attempts,
@@ -167,38 +171,6 @@ impl Store {
         let now = self.now();
         self.wait_for(|ticket| Job::Rare(Rare::SaveFits(fits, now, ticket)))
             .await
-    }
-
-    /// The newest fit of each model and part, whatever came out: what a worker compares with the counts, and what pages
-    /// show the state of.
-    ///
-    /// # Errors
-    /// When the database fails.
-    pub async fn latest_fits(
-        &self,
-        study: &StudyId,
-        population: Population,
-    ) -> Result<Vec<Fit>, Error> {
-        let rows: Vec<FitRow> = sqlx::query_as(
-            r#"
-            select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
-            from fit
-            where id in (
-                select max(id)
-                from fit
-                where study_id = ? and is_simulated = ?
-                group by plan, part, model
-            )
-            order by plan, part, model
-            "#,
-        )
-        .bind(study.as_str())
-        .bind(population.is_simulated())
-        .fetch_all(&self.pool)
-        .await?;
-        Ok(rows.into_iter().map(Fit::from).collect())
     }
 
     /// The ids of the newest fit of each model and part, and those of them that are not `known`: a page that moved on
@@ -232,8 +204,9 @@ impl Store {
         let rows: Vec<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id in (select value from json_each(?))
             "#,
@@ -258,8 +231,9 @@ impl Store {
         let rows: Vec<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where study_id = ?1 and is_simulated = ?2
             and (?3 is null or id < ?3)
@@ -289,8 +263,9 @@ impl Store {
         let row: Option<FitRow> = sqlx::query_as(
             r#"
             select
-                id, plan, part, model, input_hash, data_version, version_id, seed, program_version, state, attempts,
-                is_provisional, result, message, created_at_ms, cpu_ms
+                id, plan, part, model, input_hash, data_version, version_id,
+                (select number from study_version where study_version.id = version_id) as version_number,
+                seed, program_version, state, attempts, is_provisional, result, message, created_at_ms, cpu_ms
             from fit
             where id = ? and study_id = ? and is_simulated = ?
             "#,

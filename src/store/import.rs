@@ -16,7 +16,9 @@ use super::{
     Verdict, VersionId, json,
 };
 use crate::study::step::{Assessment, ClientTiming};
-use crate::study::{BlockId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor, Timestamp};
+use crate::study::{
+    BlockId, ConditionId, Reply, StepData, StepKind, StepPlan, StudyId, TimeFactor, Timestamp,
+};
 
 /// The platform under which imported people are known.
 pub(super) const PLATFORM: &str = "import";
@@ -28,6 +30,10 @@ pub struct ImportedRun {
     pub participant: String,
     /// Their answers in order.
     pub answers: Vec<ImportedAnswer>,
+    /// The condition that their questions belong to, in a study with conditions.
+    pub condition: Option<ConditionId>,
+    /// Whether the times are those at which things happened. Else nobody knows, and they are that of the import.
+    pub has_times: bool,
     /// Whether they finished.
     pub is_completed: bool,
 }
@@ -59,6 +65,8 @@ pub(super) struct Import {
 /// What the rules make of one run.
 #[derive(Debug)]
 struct Judged {
+    condition: Option<ConditionId>,
+    has_times: bool,
     steps: Vec<DrawnStep>,
     started_at: Timestamp,
     facts: RunFacts,
@@ -298,6 +306,8 @@ fn judge(run: &ImportedRun) -> Result<Judged, Error> {
         last_at = at;
     }
     Ok(Judged {
+        condition: run.condition.clone(),
+        has_times: run.has_times,
         steps,
         started_at,
         facts,
@@ -334,8 +344,8 @@ async fn begin(
             is_simulated: false,
             is_preview: false,
             time_factor: TimeFactor::ONE.get(),
-            // Whoever answered elsewhere was assigned to no condition here.
-            condition: None,
+            condition: judged.condition.clone(),
+            has_times: judged.has_times,
             expires_at: None,
             at: judged.started_at.0,
         });

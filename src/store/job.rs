@@ -110,7 +110,6 @@ pub(super) struct Start {
     pub(super) factor: TimeFactor,
     pub(super) population: Population,
     pub(super) language: Option<String>,
-    pub(super) is_preview: bool,
     pub(super) at: Timestamp,
 }
 

@@ -85,7 +85,7 @@ pub use job::{AskedProblem, CandidateRun, DrawnStep};
 pub use names::{
     AccountId, AnalysisSet, AnswerStatus, ApiTokenId, AuditOutcome, EventId, EventKind, FitId,
     FitState, Population, ProblemId, Role, RunId, RunState, Scope, StudyState, UnknownName,
-    Verdict, VersionId,
+    Verdict, VersionId, VersionNumber,
 };
 pub use participants::{ParticipantRow, StepAnswer};
 pub use progress::{LEFT_AFTER_MS, StepProgress};

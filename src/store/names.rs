@@ -39,6 +39,8 @@ row_ids! {
     RunId,
     /// A version of a study file.
     VersionId,
+    /// A version of a study file as people name it: counted within its study, from 1.
+    VersionNumber,
     /// A problem as it was put before people.
     ProblemId,
     /// Something that happened to a run.
@@ -53,10 +55,11 @@ row_ids! {
 
 /// A stored name that this program does not know: the database was written by a later version.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("unknown {kind} `{found}`")]
+#[error("unknown {kind} `{found}`; allowed: {allowed}")]
 pub struct UnknownName {
     kind: &'static str,
     found: String,
+    allowed: String,
 }
 
 macro_rules! stored_names {
@@ -100,7 +103,11 @@ macro_rules! stored_names {
             fn from_str(text: &str) -> Result<Self, UnknownName> {
                 match text {
                     $($text => Ok(Self::$variant),)*
-                    _ => Err(UnknownName { kind: $kind, found: text.to_owned() }),
+                    _ => Err(UnknownName {
+                        kind: $kind,
+                        found: text.to_owned(),
+                        allowed: [$($text),*].join(", "),
+                    }),
                 }
             }
         }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId};
+use super::{AnswerStatus, Error, Population, RunId, RunState, Store, VersionId, VersionNumber};
 use crate::study::{ActionId, BlockId, QuestionId, StudyId, Timestamp};
 
 /// One run as an export has it.
@@ -12,6 +12,8 @@ pub struct ParticipantRow {
     pub run: RunId,
     /// The version of the study file.
     pub version: VersionId,
+    /// Its number.
+    pub version_number: VersionNumber,
     /// How far the run is.
     pub state: RunState,
     /// The levels of the between-subjects factors, joined by `/`; none in a study without such factors.
@@ -22,9 +24,9 @@ pub struct ParticipantRow {
     pub language: Option<String>,
     /// Extra time for timed questions: 1 is the usual time.
     pub time_factor: f64,
-    /// When the run began.
-    pub started_at: Timestamp,
-    /// When it ended.
+    /// When the run began; none where an import did not tell.
+    pub started_at: Option<Timestamp>,
+    /// When it ended, if it has and that is known.
     pub finished_at: Option<Timestamp>,
     /// The recruiting platform, if the link named one.
     pub platform: Option<String>,
@@ -61,13 +63,14 @@ pub struct StepAnswer {
 struct StoredParticipant {
     id: RunId,
     version_id: VersionId,
+    version_number: VersionNumber,
     #[sqlx(try_from = "String")]
     state: RunState,
     condition: Option<String>,
     source: Option<String>,
     language: Option<String>,
     time_factor: f64,
-    started_at_ms: i64,
+    started_at_ms: Option<i64>,
     finished_at_ms: Option<i64>,
     platform: Option<String>,
     platform_key: Option<String>,
@@ -104,10 +107,13 @@ impl Store {
         let rows: Vec<StoredParticipant> = sqlx::query_as(
             r#"
             select
-                run.id, run.version_id, run.state, run.condition, run.source, run.language, run.time_factor,
-                run.started_at_ms, run.finished_at_ms, run.platform, run.platform_key, run.recruiting,
+                run.id, run.version_id, study_version.number as version_number, run.state, run.condition, run.source,
+                run.language, run.time_factor, run.platform, run.platform_key, run.recruiting,
+                iif(run.has_times, run.started_at_ms, null) as started_at_ms,
+                iif(run.has_times, run.finished_at_ms, null) as finished_at_ms,
                 bonus.amount as bonus
             from run
+            join study_version on study_version.id = run.version_id
             left join bonus on bonus.run_id = run.id
             where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
             and run.id > ?
@@ -170,12 +176,13 @@ impl StoredParticipant {
         Ok(ParticipantRow {
             run: self.id,
             version: self.version_id,
+            version_number: self.version_number,
             state: self.state,
             condition: self.condition,
             source: self.source,
             language: self.language,
             time_factor: self.time_factor,
-            started_at: Timestamp(self.started_at_ms),
+            started_at: self.started_at_ms.map(Timestamp),
             finished_at: self.finished_at_ms.map(Timestamp),
             platform: self.platform,
             platform_key: self.platform_key,

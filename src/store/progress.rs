@@ -100,7 +100,8 @@ impl Store {
             r#"
             select
                 step.kind, step.block, step.question,
-                run.state = 'active' and ifnull(run.shown_at_ms, run.started_at_ms) >= ?3 as here,
+                run.state = 'active' and run.has_times
+                and ifnull(run.shown_at_ms, run.started_at_ms) >= ?3 as here,
                 count(*) as n
             from run
             join step on step.run_id = run.id
@@ -134,7 +135,7 @@ impl Store {
                     select finished_at_ms - started_at_ms as ms
                     from run
                     where study_id = ?1 and is_simulated = ?2 and is_preview = 0
-                    and state = 'completed' and finished_at_ms is not null
+                    and state = 'completed' and finished_at_ms is not null and has_times
                 ),
                 total as (select count(*) as n from duration)
             select avg(ms)
@@ -170,7 +171,7 @@ impl Store {
             from answer
             -- cross join: the newest answers first, until one is of this study
             cross join run on run.id = answer.run_id
-            where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0
+            where run.study_id = ? and run.is_simulated = ? and run.is_preview = 0 and run.has_times
             order by answer.event_id desc
             limit 1
             "#,

@@ -74,9 +74,9 @@ pub struct WatchedParticipant {
     pub condition: Option<ConditionId>,
     /// Where they came from.
     pub source: Option<String>,
-    /// When they started.
-    pub started_at: Timestamp,
-    /// When their run ended.
+    /// When they started; none where an import did not tell.
+    pub started_at: Option<Timestamp>,
+    /// When their run ended, if it has and that is known.
     pub finished_at: Option<Timestamp>,
     /// How many steps they have closed.
     pub answered: u64,
@@ -93,7 +93,7 @@ struct Row {
     state: RunState,
     condition: Option<String>,
     source: Option<String>,
-    started_at_ms: i64,
+    started_at_ms: Option<i64>,
     finished_at_ms: Option<i64>,
     answered: i64,
     steps: i64,
@@ -132,11 +132,14 @@ impl Store {
             select *
             from (
                 select
-                    run.id, run.state, run.condition, run.source, run.started_at_ms, run.finished_at_ms,
+                    run.id, run.state, run.condition, run.source,
+                    iif(run.has_times, run.started_at_ms, null) as started_at_ms,
+                    iif(run.has_times, run.finished_at_ms, null) as finished_at_ms,
                     count(answer.event_id) as answered,
                     (select count(*) from step where step.run_id = run.id and step.kind <> 'thanks') as steps,
                     ifnull(max(answer.action is not null and answer.client_rt_ms < ?5), 0) as fast_choice,
-                    run.state = 'completed' and run.finished_at_ms - run.started_at_ms < ?6 as short_run,
+                    run.state = 'completed' and run.has_times
+                    and run.finished_at_ms - run.started_at_ms < ?6 as short_run,
                     ifnull(max(answer.hidden_ms > 0), 0) as hidden_page,
                     run.state = 'failed_check'
                     or ifnull(max(answer.value ->> '_passed' = 0 or answer.value ->> '_attempts' > 1), 0)
@@ -205,7 +208,7 @@ impl From<Row> for WatchedParticipant {
             state: row.state,
             condition: row.condition.as_deref().map(ConditionId::from),
             source: row.source,
-            started_at: Timestamp(row.started_at_ms),
+            started_at: row.started_at_ms.map(Timestamp),
             finished_at: row.finished_at_ms.map(Timestamp),
             answered: count(row.answered),
             steps: count(row.steps),

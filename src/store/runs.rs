@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::import;
 use super::load::{self, step_kind, time_factor};
+use super::rules::Body;
 use super::{Error, Population, RunId, RunState, Store, Token, VersionId};
 use crate::study::{
-    BlockId, ConditionId, DEFAULT_GRACE_MS, Deadline, QuestionId, StepPlan, StudyId, TimeFactor,
-    Timestamp,
+    BlockId, ConditionId, DEFAULT_GRACE_MS, Deadline, QuestionId, Reply, StepPlan, StudyId,
+    TimeFactor, Timestamp,
 };
 
 /// How long the button of a landing page works: a day.
@@ -245,6 +246,32 @@ impl Store {
         Ok(state
             .parse()
             .map_err(|err| sqlx::Error::Decode(Box::new(err)))?)
+    }
+
+    /// What was last answered wrongly at a step that may be tried again; nothing where nothing was.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn last_wrong(&self, run: RunId, position: u32) -> Result<Option<Reply>, Error> {
+        let body: Option<String> = sqlx::query_scalar(
+            r#"
+            select body
+            from event
+            where run_id = ? and position = ? and verdict = 'wrong'
+            order by id desc
+            limit 1
+            "#,
+        )
+        .bind(run)
+        .bind(position)
+        .fetch_optional(&self.pool)
+        .await?;
+        let Some(body) = body else {
+            return Ok(None);
+        };
+        let body: Body =
+            serde_json::from_str(&body).map_err(|error| sqlx::Error::Decode(Box::new(error)))?;
+        Ok(Some(body.reply))
     }
 
     /// A step of a run that is closed or current, to read a form with that was sent for it.

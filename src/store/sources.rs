@@ -64,4 +64,38 @@ impl Store {
             })
             .collect())
     }
+
+    /// How many people from each source gave answers that count, those without a label under none.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn people_by_source(
+        &self,
+        study: &StudyId,
+        population: Population,
+        set: AnalysisSet,
+    ) -> Result<Vec<(Option<String>, u64)>, Error> {
+        let rows: Vec<(Option<String>, i64)> = sqlx::query_as(
+            r#"
+            select run.source, count(*)
+            from run
+            where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
+            and (run.state = 'completed' or not ?3)
+            and exists (
+                select 1 from answer
+                where answer.run_id = run.id and answer.is_counted = 1 and answer.status = 'answered'
+            )
+            group by run.source
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(population.is_simulated())
+        .bind(set == AnalysisSet::Completed)
+        .fetch_all(&self.pool)
+        .await?;
+        Ok(rows
+            .into_iter()
+            .map(|(source, people)| (source, u64::try_from(people).unwrap_or(0)))
+            .collect())
+    }
 }

@@ -3,7 +3,7 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::job::{Job, Publish, Rare};
-use super::{Change, Error, Population, Store, StudyState, VersionId};
+use super::{Change, Error, Population, Store, StudyState, VersionId, VersionNumber};
 use crate::study::{StudyId, Timestamp};
 
 /// A study as the database knows it.
@@ -22,6 +22,8 @@ pub struct StudyRow {
 pub struct StudyVersion {
     /// Its id.
     pub id: VersionId,
+    /// Which of the study's versions it is.
+    pub number: VersionNumber,
     /// The study.
     pub study: StudyId,
     /// The hash of the text.
@@ -37,6 +39,7 @@ pub struct StudyVersion {
 #[derive(sqlx::FromRow)]
 struct VersionRow {
     id: VersionId,
+    number: VersionNumber,
     study_id: String,
     hash: String,
     text: String,
@@ -115,7 +118,7 @@ impl Store {
     pub async fn study_version(&self, id: VersionId) -> Result<StudyVersion, Error> {
         let row: Option<VersionRow> = sqlx::query_as(
             r#"
-            select id, study_id, hash, text, program_version, created_at_ms
+            select id, number, study_id, hash, text, program_version, created_at_ms
             from study_version
             where id = ?
             "#,
@@ -134,7 +137,7 @@ impl Store {
     pub async fn study_versions(&self, study: &StudyId) -> Result<Vec<StudyVersion>, Error> {
         let rows: Vec<VersionRow> = sqlx::query_as(
             r#"
-            select id, study_id, hash, text, program_version, created_at_ms
+            select id, number, study_id, hash, text, program_version, created_at_ms
             from study_version
             where study_id = ?
             order by id
@@ -162,6 +165,7 @@ impl From<VersionRow> for StudyVersion {
     fn from(row: VersionRow) -> Self {
         let VersionRow {
             id,
+            number,
             study_id,
             hash,
             text,
@@ -171,6 +175,7 @@ impl From<VersionRow> for StudyVersion {
         let created_at = Timestamp(created_at_ms);
         Self {
             id,
+            number,
             study: study_id.into(),
             hash,
             text,
@@ -197,10 +202,10 @@ pub(super) async fn publish(
         .await?;
     let version: VersionId = sqlx::query_scalar(
         r#"
-        insert into study_version (study_id, hash, text, program_version, created_at_ms)
-        values (?, ?, ?, ?, ?)
+        insert into study_version (study_id, number, hash, text, program_version, created_at_ms)
+        values (?1, (select count(*) + 1 from study_version where study_id = ?1), ?2, ?3, ?4, ?5)
         -- the same text again is the version that it was; updating nothing makes `returning` tell its id
-        on conflict do update set hash = hash
+        on conflict (study_id, hash) do update set hash = hash
         returning id
         "#,
     )

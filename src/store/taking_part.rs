@@ -50,8 +50,6 @@ pub struct NewRun {
     pub population: Population,
     /// A language other than that of the arrival.
     pub language: Option<String>,
-    /// A look at the study that is never counted.
-    pub is_preview: bool,
 }
 
 /// Where pressing the start button led.
@@ -149,7 +147,6 @@ impl Store {
             factor: run.factor,
             population: run.population,
             language: run.language,
-            is_preview: run.is_preview,
             at: self.now(),
         });
         self.wait_for(|ticket| Job::Hot(Hot::Start(start, ticket)))

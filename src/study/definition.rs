@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 
+use super::document::{Document, KeyPath};
 use super::step::{
     ChoiceQuestion, ConsentText, DeclinedPage, FormText, InfoText, NamedReplay, ReplaysText,
 };
@@ -100,6 +101,16 @@ impl Study {
     /// What the program itself says on the pages of this study.
     pub fn words(&self) -> &Words {
         &self.words
+    }
+
+    /// The line of a key of the study file, given as the tables that lead to it and its own name; none where it is missing.
+    pub fn line_of(&self, keys: &[&str]) -> Option<usize> {
+        let document = Document::parse("", &self.text).ok()?;
+        let path = keys.iter().fold(KeyPath::root(), |path, key| path.key(key));
+        if !document.has(&path) {
+            return None;
+        }
+        document.refuse(&path.fault("", "")).line()
     }
 
     /// The study's id, which its links carry.
@@ -228,6 +239,13 @@ impl Study {
     /// people all meet the same.
     pub fn conditions(&self) -> &[Condition] {
         &self.conditions
+    }
+
+    /// The condition whose people meet a cell; none in a study without conditions.
+    pub fn condition_of(&self, cell: &Cell) -> Option<&Condition> {
+        self.conditions
+            .iter()
+            .find(|condition| condition.takes(&cell.levels))
     }
 
     /// Who is taken in, when, and for how long.

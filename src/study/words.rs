@@ -1,11 +1,16 @@
 //! What the program itself says on participants' pages: a catalogue per language.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Display;
+mod dates;
+mod filled;
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    fmt::Display,
+};
 
 use serde::Deserialize;
 
-use super::{Device, NotAdmitted, Timestamp, markup};
+use super::{Device, NotAdmitted, markup};
 
 /// The catalogues by language.
 const CATALOGUES: [(&str, &str); 2] = [
@@ -76,6 +81,9 @@ pub struct Words {
     bonus_question: String,
     pub(crate) bonus_chose: String,
     pub(crate) bonus_came_out: String,
+    pub(crate) bonus_made_of: String,
+    bonus_sum: String,
+    bonus_least: String,
     pub(crate) bonus_fixed: String,
     pub(crate) completion_code: String,
     pub(crate) other_code: String,
@@ -111,6 +119,91 @@ pub struct Words {
     withdrew: String,
     pub(crate) gone_title: String,
     pub(crate) gone_text: String,
+    pub(crate) error_no_page_title: String,
+    pub(crate) error_no_page_text: String,
+    pub(crate) error_no_study_title: String,
+    pub(crate) error_no_study_text: String,
+    pub(crate) error_expired_title: String,
+    pub(crate) error_expired_text: String,
+    pub(crate) error_link_title: String,
+    error_link_value: String,
+    error_link_placeholder: String,
+    error_link_persons: String,
+    error_link_site: String,
+    pub(crate) error_form_title: String,
+    pub(crate) error_form_text: String,
+    pub(crate) error_large_title: String,
+    error_large_text: String,
+    pub(crate) error_method_title: String,
+    pub(crate) error_method_text: String,
+    pub(crate) error_owner_title: String,
+    pub(crate) error_owner_text: String,
+    pub(crate) error_foreign_title: String,
+    pub(crate) error_foreign_text: String,
+    pub(crate) error_conflict_title: String,
+    pub(crate) error_conflict_text: String,
+    pub(crate) error_often_title: String,
+    error_often_text: String,
+    pub(crate) error_busy_title: String,
+    pub(crate) error_busy_text: String,
+    pub(crate) error_slow_title: String,
+    pub(crate) error_slow_text: String,
+    pub(crate) error_ours_title: String,
+    pub(crate) error_ours_text: String,
+    pub(crate) open_studies: String,
+    pub(crate) none_open: String,
+    pub(crate) take_part: String,
+    lasts_minutes: String,
+    pub(crate) from_platform: String,
+    pub(crate) from_link: String,
+    pub(crate) all_simulated: String,
+    pub(crate) player: String,
+    player_place: String,
+    pub(crate) player_keys: String,
+    pub(crate) player_loading: String,
+    pub(crate) player_failed: String,
+    pub(crate) player_again: String,
+    pub(crate) player_moment: String,
+    player_seconds: String,
+    pub(crate) player_play: String,
+    pub(crate) player_pause: String,
+    pub(crate) player_restart: String,
+    pub(crate) player_next: String,
+    pub(crate) player_all: String,
+    pub(crate) player_ahead: String,
+    player_mark: String,
+    pub(crate) player_seen: String,
+    pub(crate) player_unseen: String,
+    pub(crate) player_shown: String,
+    pub(crate) player_happened: String,
+    pub(crate) player_later: String,
+    player_watched: String,
+    pub(crate) player_open: String,
+    pub(crate) player_locked: String,
+    scene_crossing_title: String,
+    scene_crossing_description: String,
+    scene_table_title: String,
+    scene_table_description: String,
+    pub(crate) replay_person: String,
+    pub(crate) replay_arm: String,
+    pub(crate) replay_orange: String,
+    pub(crate) replay_cup: String,
+    pub(crate) replay_begin_stable: String,
+    pub(crate) replay_begin_unstable: String,
+    pub(crate) replay_reaches_orange: String,
+    pub(crate) replay_reaches_cup: String,
+    replay_puts: String,
+    pub(crate) replay_stands: String,
+    pub(crate) replay_falls: String,
+    pub(crate) replay_builds_stable: String,
+    pub(crate) replay_builds_unstable: String,
+    replay_first: String,
+    replay_then: String,
+    replay_with_orange: String,
+    pub(crate) replay_end_stands: String,
+    pub(crate) replay_end_none: String,
+    pub(crate) replay_end_one: String,
+    replay_end_some: String,
     day: String,
     moment: String,
     months: String,
@@ -164,112 +257,6 @@ impl Words {
         english().get(key)?.as_str().map(placeholders)
     }
 
-    pub(crate) fn about_minutes(&self, minutes: &u32) -> String {
-        fill(&self.about_minutes, &[("minutes", minutes)])
-    }
-
-    pub(crate) fn question_place(&self, number: &usize, of: &usize) -> String {
-        fill(&self.question_place, &[("number", number), ("of", of)])
-    }
-
-    pub(crate) fn consent_version(&self, version: &str) -> String {
-        fill(&self.consent_version, &[("version", &version)])
-    }
-
-    pub(crate) fn replays_read(&self, seconds: &u64) -> String {
-        fill(&self.replays_read, &[("seconds", seconds)])
-    }
-
-    pub(super) fn whole_number(&self, min: i64, max: i64) -> String {
-        fill(&self.whole_number, &[("min", &min), ("max", &max)])
-    }
-
-    pub(super) fn number(&self, min: f64, max: f64, digits: u32) -> String {
-        let shown = |number: f64| number.to_string().replace('.', &self.decimal_mark);
-        let bounds: [(&str, &dyn Display); 3] = [
-            ("min", &shown(min)),
-            ("max", &shown(max)),
-            ("digits", &digits),
-        ];
-        match digits {
-            1 => fill(&self.number_one_digit, &bounds),
-            _ => fill(&self.number_digits, &bounds),
-        }
-    }
-
-    /// How many of `of` options can be chosen.
-    pub(super) fn choose_some(&self, min: usize, max: usize, of: usize) -> String {
-        match (min, max) {
-            (min, max) if min == max => fill(&self.choose_exactly, &[("count", &min)]),
-            (min, max) if max == of => fill(&self.choose_or_more, &[("count", &min)]),
-            (0, max) => fill(&self.choose_at_most, &[("count", &max)]),
-            (min, max) => fill(&self.choose_between, &[("min", &min), ("max", &max)]),
-        }
-    }
-
-    pub(super) fn too_long(&self, allowed: usize, length: usize) -> String {
-        fill(
-            &self.too_long,
-            &[("allowed", &allowed), ("length", &length)],
-        )
-    }
-
-    pub(super) fn choose_decision(&self, agree: &str, decline: &str) -> String {
-        fill(
-            &self.choose_decision,
-            &[("agree", &agree), ("decline", &decline)],
-        )
-    }
-
-    pub(super) fn clause_missing(&self, clause: &str) -> String {
-        fill(&self.clause_missing, &[("clause", &clause)])
-    }
-
-    pub(super) fn choose_action(&self, actions: &str) -> String {
-        fill(&self.choose_action, &[("actions", &actions)])
-    }
-
-    pub(super) fn viewings_unreadable(&self, of: usize) -> String {
-        fill(&self.viewings_unreadable, &[("of", &of)])
-    }
-
-    pub(super) fn viewings_missing(&self, watched: usize, of: usize) -> String {
-        fill(
-            &self.viewings_missing,
-            &[("watched", &watched), ("of", &of)],
-        )
-    }
-
-    pub(super) fn viewings_extra(&self, viewings: usize, of: usize) -> String {
-        fill(
-            &self.viewings_extra,
-            &[("viewings", &viewings), ("of", &of)],
-        )
-    }
-
-    pub(crate) fn viewings_early(&self, seconds: u64, missing: u64) -> String {
-        fill(
-            &self.viewings_early,
-            &[("seconds", &seconds), ("missing", &missing)],
-        )
-    }
-
-    pub(crate) fn bonus_question(&self, number: usize, of: usize) -> String {
-        fill(&self.bonus_question, &[("number", &number), ("of", &of)])
-    }
-
-    pub(crate) fn withdraw_elsewhere(&self, contact: &str) -> String {
-        fill(&self.withdraw_elsewhere, &[("contact", &contact)])
-    }
-
-    pub(crate) fn withdraw_until(&self, day: &str) -> String {
-        fill(&self.withdraw_until, &[("day", &day)])
-    }
-
-    pub(crate) fn pages_stored(&self, count: &u32) -> String {
-        fill(&self.pages_stored, &[("count", count)])
-    }
-
     /// A text of the catalogue as HTML.
     pub(crate) fn to_html(text: &str) -> String {
         markup::to_html(text)
@@ -299,33 +286,6 @@ impl Words {
             Device::Tablet => &self.tablet,
             Device::Desktop => &self.desktop,
         }
-    }
-
-    /// The day of a moment, in UTC.
-    pub(crate) fn day_of(&self, at: Timestamp) -> String {
-        let Ok(at) = jiff::Timestamp::from_millisecond(at.0) else {
-            return format!("{} ms after 1970", at.0);
-        };
-        let date = at.to_zoned(jiff::tz::TimeZone::UTC).date();
-        let number = date.month().to_string();
-        let month = usize::try_from(date.month() - 1)
-            .ok()
-            .and_then(|index| self.months.split_whitespace().nth(index));
-        let month = month.unwrap_or(&number);
-        let parts: [(&str, &dyn Display); 3] = [
-            ("day", &date.day()),
-            ("month", &month),
-            ("year", &date.year()),
-        ];
-        fill(&self.day, &parts)
-    }
-
-    fn moment_of(&self, at: Timestamp) -> String {
-        let time = jiff::Timestamp::from_millisecond(at.0)
-            .map(|at| at.strftime("%H:%M").to_string())
-            .unwrap_or_default();
-        let parts: [(&str, &dyn Display); 2] = [("day", &self.day_of(at)), ("time", &time)];
-        fill(&self.moment, &parts)
     }
 }
 
@@ -379,6 +339,7 @@ fn fill(text: &str, values: &[(&str, &dyn Display)]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::Timestamp;
 
     #[test]
     fn every_catalogue_has_every_key_with_the_same_placeholders() {

@@ -1,5 +1,7 @@
 //! What a visitor is told when something does not work, as a page or as `application/problem+json`.
 
+use std::sync::Arc;
+
 use askama::Template;
 use axum::{
     http::{HeaderValue, StatusCode, header},
@@ -53,6 +55,14 @@ pub enum Error {
     /// Understood, but a value is not allowed.
     #[error("{0}")]
     Unprocessable(String),
+    /// A form came from a page of another site.
+    #[error(
+        "this was sent from a page of another site; open the study's own link and answer there"
+    )]
+    CrossSite,
+    /// A participant's link is another person's, or another of the same person, than the one that may do this.
+    #[error("withdrawing needs the link with which this study was started")]
+    NotTheOwner,
     /// Already answered, or the same key with another body.
     #[error("{0}")]
     Conflict(String),
@@ -74,7 +84,9 @@ impl Error {
             Self::MethodNotAllowed => StatusCode::METHOD_NOT_ALLOWED,
             Self::Unauthorized { .. } => StatusCode::UNAUTHORIZED,
             Self::TooMany { .. } => StatusCode::TOO_MANY_REQUESTS,
-            Self::Forbidden(_) | Self::Blind(_) => StatusCode::FORBIDDEN,
+            Self::Forbidden(_) | Self::Blind(_) | Self::CrossSite | Self::NotTheOwner => {
+                StatusCode::FORBIDDEN
+            }
             Self::BadRequest(_) => StatusCode::BAD_REQUEST,
             Self::UnsupportedMediaType => StatusCode::UNSUPPORTED_MEDIA_TYPE,
             Self::TooLarge { .. } => StatusCode::PAYLOAD_TOO_LARGE,
@@ -96,6 +108,8 @@ impl Error {
                 | Self::Unauthorized { .. }
                 | Self::TooMany { .. }
                 | Self::Forbidden(_)
+                | Self::CrossSite
+                | Self::NotTheOwner
                 | Self::BadRequest(_)
                 | Self::UnsupportedMediaType
                 | Self::TooLarge { .. }
@@ -133,6 +147,8 @@ impl Error {
             | Self::NotFound(_)
             | Self::MethodNotAllowed
             | Self::Forbidden(_)
+            | Self::CrossSite
+            | Self::NotTheOwner
             | Self::Blind(_)
             | Self::BadRequest(_)
             | Self::UnsupportedMediaType
@@ -201,17 +217,15 @@ impl IntoResponse for Error {
         self.log();
         let problem = self.problem();
         let page = ErrorPage {
-            title: if let Self::Closed(_) = &self {
-                "You cannot start this study now"
-            } else {
-                problem.title
-            },
+            title: problem.title,
             message: sentence(&problem.detail),
         };
         let body = page.render().unwrap_or_else(|_| page.message.clone());
         let mut response = self.hint((self.status(), Html(body)).into_response());
         // A layer that knows only pages may speak for the API.
         response.extensions_mut().insert(problem);
+        // So may one that knows in which language to speak to a participant.
+        response.extensions_mut().insert(Arc::new(self));
         response
     }
 }
@@ -234,7 +248,7 @@ impl IntoResponse for ApiError {
 }
 
 /// Messages are written lower case and without a full stop; a page shows a sentence.
-fn sentence(message: &str) -> String {
+pub(super) fn sentence(message: &str) -> String {
     let mut letters = message.chars();
     letters.next().map_or_else(String::new, |first| {
         format!("{}{}.", first.to_uppercase(), letters.as_str())

@@ -5,21 +5,26 @@ use std::{
     convert::Infallible,
     net::IpAddr,
     sync::{LazyLock, Mutex, MutexGuard, PoisonError},
+    time::Duration,
 };
 
 use axum::response::sse::{Event, KeepAlive, Sse};
-use tokio::sync::{Semaphore, SemaphorePermit, broadcast::error::RecvError};
+use tokio::{
+    sync::{Semaphore, SemaphorePermit, broadcast::error::RecvError},
+    time::MissedTickBehavior,
+};
 use tokio_stream::Stream;
 use tokio_util::sync::CancellationToken;
 
 use super::{
     Error,
-    access::{ClientAddress, Reader},
+    access::{ClientAddress, Reader, Standing},
 };
 use crate::{
+    clock::Clock,
     jobs::{Catalogue, Version},
     store::{Change, Population, Store},
-    study::StudyId,
+    study::{StudyId, Timestamp},
 };
 
 /// One event of a stream.
@@ -88,14 +93,48 @@ fn strangers() -> MutexGuard<'static, HashMap<IpAddr, usize>> {
     STRANGERS.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Events named `version`: the current one at once, then each that follows, until the client goes or the server stops.
+/// How long a stream goes on without asking again whether its reader may read it, where nothing changes.
+const ASKED_AGAIN: Duration = Duration::from_secs(10);
+
+/// Where much changes it is asked no more often than this, in milliseconds.
+const LEAST_BETWEEN_MS: u64 = 1000;
+
+/// A reader's leave with the time at which it was last asked for.
+struct Leave {
+    standing: Standing,
+    clock: Clock,
+    asked_at: Timestamp,
+}
+
+impl Leave {
+    /// Whether the reader may read what changed: asked again where the last answer is not of this moment.
+    async fn lasts(&mut self) -> bool {
+        let now = self.clock.now();
+        if now.millis_since(self.asked_at) < LEAST_BETWEEN_MS {
+            return true;
+        }
+        self.asked_at = now;
+        self.holds().await
+    }
+
+    /// Whether the reader may go on at all.
+    async fn holds(&self) -> bool {
+        self.standing.holds().await.unwrap_or_else(|error| {
+            tracing::warn!(%error, "whether a stream may go on could not be read");
+            false
+        })
+    }
+}
+
+/// Events named `version`: the current one at once, then each that follows, until the client goes, may read the study no
+/// longer, or the server stops.
 ///
 /// A slow client skips versions, because only the newest says anything. Strangers are told of the version that was released
 /// when they came: when others move the data is not theirs to know.
 pub(super) async fn stream(
     (store, catalogue, population): (Store, &Catalogue, Population),
     study: StudyId,
-    (reader, client): (&Reader, ClientAddress),
+    (reader, client, standing): (&Reader, ClientAddress, Standing),
     stop: CancellationToken,
 ) -> Result<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>, Error> {
     if catalogue.current(&study).is_none() {
@@ -113,6 +152,14 @@ pub(super) async fn stream(
         Some(version) => version,
         None => Version::from(&store.totals(&study, population).await?),
     };
+    let mut leave = Leave {
+        standing,
+        clock: store.clock().clone(),
+        asked_at: store.clock().now(),
+    };
+    let mut again = tokio::time::interval(ASKED_AGAIN);
+    again.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    again.tick().await;
     tokio::spawn(async move {
         let _place = place;
         loop {
@@ -130,11 +177,21 @@ pub(super) async fn stream(
             version = loop {
                 let change = tokio::select! {
                     change = changes.recv() => change,
+                    _ = again.tick() => {
+                        if leave.holds().await {
+                            continue;
+                        }
+                        return;
+                    }
                     () = sender.closed() => return,
                     () = stop.cancelled() => return,
                 };
                 match change {
-                    Ok(_) | Err(RecvError::Lagged(_)) if released.is_some() => {}
+                    Ok(_) | Err(RecvError::Lagged(_)) if released.is_some() => {
+                        if !leave.lasts().await {
+                            return;
+                        }
+                    }
                     Ok(Change {
                         study: changed,
                         population: of,
@@ -151,6 +208,9 @@ pub(super) async fn stream(
                     Err(RecvError::Closed) => return,
                 }
             };
+            if !leave.lasts().await {
+                return;
+            }
         }
     });
     let events = tokio_stream::wrappers::ReceiverStream::new(events);

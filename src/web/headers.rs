@@ -15,9 +15,9 @@ use super::Settings;
 #[derive(Debug, Clone)]
 pub(super) struct FramedBy(pub(super) Vec<String>);
 
-/// The site beside our own that a page's form may be sent to.
+/// The sites beside our own that a page's form may be sent to, or led on to.
 #[derive(Debug, Clone)]
-pub(super) struct SubmitsTo(pub(super) String);
+pub(super) struct SubmitsTo(pub(super) Vec<String>);
 
 /// Nothing but our own files: no inline script, no inline style. The hash is that of the constant style text which the
 /// vendored Observable Plot puts into its drawings (static/vendor/README.md says how to renew it).
@@ -80,7 +80,7 @@ fn content_security_policy(response: &Response) -> HeaderValue {
     let framed_by = framed_by.filter(|sites| !sites.0.is_empty());
     let frames = framed_by.map_or_else(|| "'none'".to_owned(), |sites| sites.0.join(" "));
     let submits_to = response.extensions().get::<SubmitsTo>();
-    let other = submits_to.map_or_else(String::new, |site| format!(" {}", site.0));
+    let other = submits_to.map_or_else(String::new, |sites| format!(" {}", sites.0.join(" ")));
     let policy = format!("{OWN_FILES}; form-action 'self'{other}; frame-ancestors {frames}");
     HeaderValue::from_str(&policy).unwrap_or(STRICTEST)
 }

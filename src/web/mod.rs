@@ -51,7 +51,7 @@ pub use self::{
 };
 use crate::{
     chance::Chance,
-    jobs::{Catalogue, Sweeps},
+    jobs::{Catalogue, SourceFits, Sweeps},
     store::{Population, Store},
 };
 
@@ -75,6 +75,8 @@ pub struct AppState {
     pub limits: Arc<Limits>,
     /// Simulated sweeps, computed when somebody asks for them.
     pub sweeps: Arc<Sweeps>,
+    /// The models fitted to people from each source, computed when somebody asks for them.
+    pub source_fits: Arc<SourceFits>,
     /// The replays that studies show.
     pub replays: Arc<Replays>,
     /// Cancelled when the server stops, so that event streams end.
@@ -163,6 +165,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
                 ))
                 .layer(CompressionLayer::new())
                 .layer(middleware::from_fn(problem::complete))
+                .layer(middleware::from_fn(participant::tell))
                 .layer(CsrfLayer::new().with_rejection_response(access::cross_site))
                 .layer(RequestBodyDeadlineLayer::new(BODY_DEADLINE))
                 .layer(DefaultBodyLimit::max(BODY_LIMIT)),

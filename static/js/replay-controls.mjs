@@ -1,3 +1,5 @@
+import { fill } from "./fill.mjs";
+
 const arrowMs = 500;
 
 /** Buttons, time slider and keys of a replay player. */
@@ -5,9 +7,10 @@ export class ReplayControls {
   /**
    * @param {HTMLElement} element the player
    * @param {import("./replay-player.mjs").ReplayPlayer} player
+   * @param {Record<string, string>} words in the page's language
    */
-  constructor(element, player) {
-    Object.assign(this, { element, player });
+  constructor(element, player, words) {
+    Object.assign(this, { element, player, words });
     const part = (name) => element.querySelector(`[data-part=${name}]`);
     this.toggle = part("toggle");
     this.restart = part("restart");
@@ -25,7 +28,7 @@ export class ReplayControls {
 
   seek(ms) {
     const reached = this.player.seek(ms);
-    this.notice.textContent = reached || !this.player.timeline ? "" : "You can move ahead as far as you have watched.";
+    this.notice.textContent = reached || !this.player.timeline ? "" : this.words.ahead;
     this.show();
   }
 
@@ -53,7 +56,7 @@ export class ReplayControls {
     const idle = !this.player.timeline;
     if (this.shown !== state) {
       this.shown = state;
-      this.toggle.textContent = playing ? "Pause" : "Play";
+      this.toggle.textContent = playing ? this.words.pause : this.words.play;
       this.toggle.dataset.icon = playing ? "pause" : "play";
       for (const control of [this.toggle, this.restart, this.range]) control.disabled = idle;
       this.range.max = String(durationMs || 1);
@@ -61,16 +64,16 @@ export class ReplayControls {
     }
     this.range.value = String(timeMs);
     this.range.style.setProperty("--watched", `${durationMs ? (100 * frontierMs) / durationMs : 0}%`);
-    write(this.time, idle ? "" : `${seconds(timeMs)} / ${seconds(durationMs)} s`);
+    write(this.time, idle ? "" : `${this.seconds(timeMs)} / ${this.seconds(durationMs)} s`);
     // While it plays the slider speaks of whole seconds, so that nobody hears ten numbers a second.
     const spoken = playing ? Math.floor(timeMs / 1000) * 1000 : timeMs;
-    const text = `${seconds(spoken)} of ${seconds(durationMs)} seconds`;
+    const text = fill(this.words.seconds, { at: this.seconds(spoken), of: this.seconds(durationMs) });
     if (this.range.getAttribute("aria-valuetext") !== text) this.range.setAttribute("aria-valuetext", text);
   }
-}
 
-function seconds(ms) {
-  return (ms / 1000).toFixed(1);
+  seconds(ms) {
+    return (ms / 1000).toFixed(1).replace(".", this.words.decimalMark);
+  }
 }
 
 function write(element, text) {

@@ -13,9 +13,7 @@
  * @property {{shoulder: Point}} arm
  * @property {CupSize} cup
  * @property {object} tracks one list of whole numbers for each part and axis
- * @property {{at_ms: number, text: string}[]} captions each holds until the next
  * @property {number[]} still_ms the moments that are shown where motion is unwanted
- * @property {string} description
  *
  * Where everything is at one moment; `tilt` in tenths of a degree, `opening` in millimetres.
  * @typedef {object} Moment
@@ -51,8 +49,11 @@ export function stillAt({ still_ms }, ms) {
   return still_ms.findLast((still) => still <= ms) ?? 0;
 }
 
-/** The text under the picture at a moment. */
-export function captionAt({ captions }, ms) {
+/**
+ * The text under the picture at a moment.
+ * @param {{at_ms: number, text: string}[]} captions each holds until the next
+ */
+export function captionAt(captions, ms) {
   return captions.findLast((caption) => caption.at_ms <= ms)?.text ?? "";
 }
 

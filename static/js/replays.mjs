@@ -1,3 +1,4 @@
+import { fill } from "./fill.mjs";
 import { ReplayControls } from "./replay-controls.mjs";
 import { ReplayMarks } from "./replay-marks.mjs";
 import { ReplayPicture } from "./replay-picture.mjs";
@@ -16,15 +17,20 @@ export class Replays {
     this.part = (name) => element.querySelector(`[data-part=${name}]`);
     this.form = element.querySelector("form");
     this.button = this.form.querySelector("[name=continue]");
-    this.replays = [...this.part("texts").querySelectorAll("li")].map((item) => ({ ...item.dataset, text: item.textContent.trim() }));
+    this.replays = [...this.part("texts").querySelectorAll("li")].map((item) => ({
+      ...item.dataset,
+      captions: JSON.parse(item.dataset.captions),
+      text: item.textContent.trim(),
+    }));
     const { run, step } = element.dataset;
+    this.words = JSON.parse(element.dataset.words);
     this.progress = new ReplayProgress(`riskaware.replays.${run}.${step}`, this.replays.map(({ replay }) => replay));
     this.source = new ReplaySource();
     this.stills = matchMedia("(prefers-reduced-motion: reduce)");
     this.picture = new ReplayPicture(this.part("stage").querySelector("svg"));
     this.player = new ReplayPlayer(() => this.changed(), () => this.played());
-    this.controls = new ReplayControls(this.part("player"), this.player);
-    this.marks = new ReplayMarks(this.part("marks"), this.progress, (index) => this.show(index, true));
+    this.controls = new ReplayControls(this.part("player"), this.player, this.words);
+    this.marks = new ReplayMarks(this.part("marks"), this.progress, this.words, (index) => this.show(index, true));
 
     this.part("next").addEventListener("click", () => this.show(this.progress.next(), true));
     this.part("again").addEventListener("click", () => this.show(this.index, false));
@@ -52,7 +58,7 @@ export class Replays {
     this.part("trouble").hidden = true;
     this.part("transcript").open = false;
     this.part("description").textContent = this.current.text;
-    this.part("place").textContent = `Replay ${index + 1} of ${this.replays.length}`;
+    this.part("place").textContent = fill(this.words.place, { number: index + 1, of: this.replays.length });
     this.changed();
     this.showProgress();
     // The pressed button may be gone: keep the keyboard in the player.
@@ -85,12 +91,12 @@ export class Replays {
     if (before === state) return;
     if (state === "playing") this.started();
     if (state === "paused") this.progress.keep();
-    if (state === "loading") this.say("The replay is loading.");
+    if (state === "loading") this.say(this.words.loading);
     if (state === "failed") this.say("");
   }
 
   draw(timeline, ms) {
-    this.say(captionAt(timeline, ms));
+    this.say(captionAt(this.current.captions, ms));
     const drawn = this.stills.matches ? stillAt(timeline, ms) : ms;
     if (this.drawn?.timeline === timeline && this.drawn.ms === drawn) return;
     this.drawn = { timeline, ms: drawn };
@@ -132,10 +138,8 @@ export class Replays {
 
   lock() {
     const { viewings, allSeen } = this.progress;
-    const words = allSeen
-      ? "You can go on, or watch any of them again."
-      : "You can go on when you have seen all of them to the end.";
-    const text = `${viewings.length} of ${this.replays.length} replays watched. ${words}`;
+    const watched = fill(this.words.watched, { watched: viewings.length, of: this.replays.length });
+    const text = `${watched} ${allSeen ? this.words.open : this.words.locked}`;
     if (this.part("lock").textContent !== text) this.part("lock").textContent = text;
     // A form that is being sent has locked its own button: unlock once, not on every call.
     if (this.open !== allSeen) this.button.disabled = !allSeen;

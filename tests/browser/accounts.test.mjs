@@ -35,7 +35,12 @@ for (const javaScriptEnabled of [true, false]) {
       await page.goto(server.setupLink);
       await fits(page);
       await page.getByLabel("Name").fill("ada");
-      await page.getByLabel("Password").fill("correct horse battery");
+      await page.getByLabel("Password", { exact: true }).fill("correct horse battery");
+      await page.getByLabel("Password once more").fill("correct horse batter");
+      await page.getByRole("button", { name: "Make the account" }).click();
+      await page.getByRole("alert").getByText("The two passwords are not the same").waitFor();
+      await page.getByLabel("Password", { exact: true }).fill("correct horse battery");
+      await page.getByLabel("Password once more").fill("correct horse battery");
       await picture(page, "account-setup");
       await page.getByRole("button", { name: "Make the account" }).click();
       await page.getByRole("heading", { name: "Your account" }).waitFor();
@@ -49,10 +54,10 @@ for (const javaScriptEnabled of [true, false]) {
     assert.match(page.url(), /\/login\?next=/);
     await fits(page);
     await page.getByLabel("Name").fill("ada");
-    await page.getByLabel("Password").fill("not the password");
+    await page.getByLabel("Password", { exact: true }).fill("not the password");
     await page.getByRole("button", { name: "Log in" }).click();
     await page.getByText("this name and password open no account").waitFor();
-    await page.getByLabel("Password").fill("correct horse battery");
+    await page.getByLabel("Password", { exact: true }).fill("correct horse battery");
     await page.getByRole("button", { name: "Log in" }).click();
     await page.waitForURL(`${server.url}/results/driving`);
     await page.getByText("Signed in as ada").waitFor();
@@ -81,7 +86,7 @@ test("sweeps are drawn for whoever is logged in", async () => {
   const page = await open(browser);
   await page.goto(`${server.url}/login`);
   await page.getByLabel("Name").fill("ada");
-  await page.getByLabel("Password").fill("correct horse battery");
+  await page.getByLabel("Password", { exact: true }).fill("correct horse battery");
   await page.getByRole("button", { name: "Log in" }).click();
   const asked = page.waitForResponse((response) => response.url().includes("/data/sweep.json"));
   await page.goto(`${server.url}/results/driving/sweep?seeds=1&n=2&steps=2`);

@@ -1,4 +1,5 @@
-// Plays MTurk: a page that shows a study in a frame, and the address that takes finished assignments.
+// Plays MTurk: a page that shows a study in a frame, and the address that takes finished assignments and leads on to another
+// host, as MTurk has one for requesters and one for workers.
 import { once } from "node:events";
 import { createServer } from "node:http";
 
@@ -14,7 +15,9 @@ export class Mturk {
     mturk.server.listen(0, "127.0.0.1");
     await once(mturk.server, "listening");
     // Another host name than the study's 127.0.0.1: a site of its own for browsers.
-    mturk.url = `http://localhost:${mturk.server.address().port}`;
+    const { port } = mturk.server.address();
+    mturk.url = `http://localhost:${port}`;
+    mturk.workersUrl = `http://worker.localhost:${port}`;
     return mturk;
   }
 
@@ -32,6 +35,10 @@ export class Mturk {
       let body = "";
       for await (const chunk of request) body += chunk;
       this.handedIn.push(Object.fromEntries(new URLSearchParams(body)));
+      response.writeHead(302, { location: `${this.workersUrl}/done` }).end();
+      return;
+    }
+    if (pathname === "/done") {
       response.end("<!doctype html><title>MTurk</title><h1>Handed in</h1>");
       return;
     }

@@ -19,7 +19,7 @@ before(async () => {
   mturk = await Mturk.start();
   studies = await mkdtemp(path.join(tmpdir(), "riskaware-studies-"));
   const text = await readFile(file, "utf8");
-  const framed = `${text}\n[recruiting.mturk]\nframe = true\nsites = ["${mturk.url}"]\n`;
+  const framed = `${text}\n[recruiting.mturk]\nframe = true\nsites = ["${mturk.url}", "${mturk.workersUrl}"]\n`;
   await writeFile(path.join(studies, "recruited.toml"), framed);
   server = await Server.start(["--studies", studies]);
   mturk.shows(`${server.url}/s/recruited`);
@@ -89,6 +89,7 @@ for (const javaScriptEnabled of [false, true]) {
       await picture(page, `mturk-${with_}-js-2-thanks`);
       await inside(page).getByRole("button", { name: "Submit the HIT to MTurk" }).click();
       await inside(page).locator(heading("Handed in")).waitFor();
+      assert.ok(page.frames().some((frame) => frame.url().startsWith(mturk.workersUrl)), "it was not led on");
 
       assert.deepEqual(mturk.handedIn.slice(before), [
         { assignmentId: `assignment-${with_}-js`, ending: "completed", code: "DONE1" },

@@ -40,10 +40,11 @@ export function listed(page) {
     items.map((item) => ({ ...item.dataset, text: item.textContent.trim() })));
 }
 
-/** The time lines as the server sends them. */
+/** The time lines as the server sends them, with the words that the page has for them. */
 export async function timelineOf(page, replay) {
-  const { url } = (await listed(page)).find((listed) => listed.replay === replay);
-  return (await fetch(new URL(url, page.url()))).json();
+  const { url, captions, text } = (await listed(page)).find((listed) => listed.replay === replay);
+  const timeline = await (await fetch(new URL(url, page.url()))).json();
+  return { ...timeline, captions: JSON.parse(captions), description: text };
 }
 
 export const press = (page, name) => page.getByRole("button", { name, exact: true }).click();

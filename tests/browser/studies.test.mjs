@@ -57,7 +57,7 @@ async function logIn(page) {
   await page.goto(`${server.url}/studies`);
   assert.match(page.url(), /\/login\?next=/);
   await page.getByLabel("Name").fill("ada");
-  await page.getByLabel("Password").fill(password);
+  await page.getByLabel("Password", { exact: true }).fill(password);
   await page.getByRole("button", { name: "Log in" }).click();
   await page.waitForURL(`${server.url}/studies`);
 }
@@ -65,7 +65,7 @@ async function logIn(page) {
 test("before an account exists the pages are open on this machine", async () => {
   const page = await open(browser, { viewport: phone });
   await page.goto(server.url);
-  await page.getByRole("link", { name: "For researchers" }).click();
+  await page.getByRole("link", { name: "Run the studies" }).click();
   await page.getByRole("link", { name: /driv|yellow/i }).first().waitFor();
   for (const end of ["", "/sources", "/participants", "/links", "/preview", "/data"]) {
     const response = await page.goto(`${server.url}/studies/yellow${end}`);
@@ -81,7 +81,8 @@ test("a draft is opened, taken, paused, and its run erased", { timeout: 240_000 
   page.setDefaultTimeout(10_000);
   await page.goto(server.setupLink);
   await page.getByLabel("Name").fill("ada");
-  await page.getByLabel("Password").fill(password);
+  await page.getByLabel("Password", { exact: true }).fill(password);
+  await page.getByLabel("Password once more").fill(password);
   await page.getByRole("button", { name: "Make the account" }).click();
   await page.getByRole("heading", { name: "Your account" }).waitFor();
 

@@ -6,7 +6,7 @@ use reqwest::{Client, Response, StatusCode};
 use riskaware::{
     chance::Chance,
     clock::Clock,
-    jobs::{Catalogue, Sweeps},
+    jobs::{Catalogue, SourceFits, Sweeps},
     store::{AnswerKey, AnswerRow, Options, Population, Store, Token},
     study::{self, Timestamp},
     web::{self, AppState, Limits, Replays, Settings},
@@ -75,6 +75,7 @@ impl App {
             limits: Arc::new(Limits::new(&clock, starts_per_minute)),
             settings: Arc::new(settings),
             sweeps: Arc::new(Sweeps::new(stop.clone())),
+            source_fits: Arc::new(SourceFits::new(stop.clone())),
             replays: Arc::new(Replays::of(&catalogue)),
             stop: stop.clone(),
         };

@@ -15,131 +15,7 @@ use crate::{
     crowd::{Background, until},
 };
 
-const STUDY: &str = r#"
-format = 1
-open = true
-id = "blocks"
-title = "Blocks"
-summary = "Every block"
-minutes = 5
-contact = "the team"
-reward_unit = { name = "points" }
-
-[recruiting]
-ids = "plain"
-
-[[action]]
-id = "a"
-label = "A"
-outcomes = [{ p = 0.2, reward = 10 }, { p = 0.2, reward = 20 }, { p = 0.2, reward = -30 }, { p = 0.2, reward = 40 }, { p = "rest", reward = 0 }]
-[[action]]
-id = "b"
-label = "B"
-outcomes = [{ p = 1, reward = 5 }]
-[[action]]
-id = "c"
-label = "C"
-outcomes = [{ p = 0.5, reward = 12 }, { p = "rest", reward = -6 }]
-[[action]]
-id = "d"
-label = "D"
-outcomes = [{ p = 0.1, reward = 100 }, { p = "rest", reward = -2 }]
-
-[[block]]
-kind = "consent"
-id = "consent"
-version = "3"
-title = "Consent"
-text = "You can withdraw."
-agree = "Agree"
-decline = "Decline"
-declined_title = "Declined"
-declined_text = "Nothing is stored."
-clause = [{ id = "adult", text = "I am an adult.", required = true }, { id = "archive", text = "Publish it." }]
-
-[[block]]
-kind = "form"
-id = "screening"
-title = "You"
-button = "Go on"
-[[block.field]]
-id = "drives"
-kind = "choice"
-label = "Do you drive?"
-required = true
-options = [{ id = "yes", label = "Yes" }, { id = "no", label = "No", screens_out = true }]
-
-[[block]]
-kind = "form"
-id = "check"
-title = "Check"
-button = "Go on"
-attempts = 2
-hint = "Read **again**."
-then = "end"
-[[block.field]]
-id = "light"
-kind = "choice"
-label = "Which light?"
-options = [{ id = "red", label = "Red" }, { id = "green", label = "Green" }]
-correct = "red"
-[[block.field]]
-id = "cars"
-kind = "choices"
-label = "Which two?"
-options = [{ id = "x", label = "X" }, { id = "y", label = "Y" }, { id = "z", label = "Z" }]
-correct = ["x", "z"]
-
-[[block]]
-kind = "choice"
-id = "lotteries"
-title = "Choose"
-[[block.question]]
-id = "four"
-text = "Which?"
-
-[[block]]
-kind = "form"
-id = "about"
-title = "About"
-button = "Finish"
-[[block.field]]
-id = "height"
-kind = "number"
-label = "Height in m?"
-min = 0.5
-max = 2.5
-[[block.field]]
-id = "agree"
-kind = "likert"
-label = "Agree?"
-required = true
-points = 5
-low = "No"
-high = "Yes"
-items = [{ id = "dares", text = "I dare." }, { id = "fears", text = "I fear.", reverse = true }]
-[[block.field]]
-id = "words"
-kind = "long_text"
-label = "Words?"
-
-[completion]
-title = "Done"
-text = "Thanks."
-code = "DONE1"
-redirect = "https://site.example/complete?cc={code}"
-[completion.screened_out]
-title = "Not you"
-code = "OUT1"
-redirect = "https://site.example/complete?cc={code}"
-[completion.failed_check]
-code = "FAIL1"
-
-[bonus]
-currency = "GBP"
-rate = 0.01
-endowment = 1.0
-"#;
+const STUDY: &str = include_str!("../data/blocks.toml");
 
 async fn app() -> App {
     let studies = vec![("blocks.toml".to_owned(), STUDY.to_owned())];
@@ -294,6 +170,24 @@ async fn sending_the_same_wrong_form_twice_is_one_attempt() {
 }
 
 #[tokio::test]
+async fn a_wrong_attempt_keeps_what_was_answered_and_tells_no_answer_apart() {
+    let app = app().await;
+    let mut person = at_check(&app).await;
+    fills(&mut person, &WRONG).await;
+    for _ in 0..2 {
+        let page = &person.page;
+        assert!(page.text(".error-summary").unwrap().contains("again"));
+        let ticked = page.attributes("input[checked]", "value");
+        assert_eq!(ticked, ["red", "y"], "right ones and wrong ones alike");
+        assert_eq!(page.texts(".field__error"), Vec::<String>::new());
+        person.reloads().await;
+    }
+    fills(&mut person, &RIGHT).await;
+    assert_eq!(person.page.text("h1").as_deref(), Some("Choose"));
+    nothing_disagrees(app).await;
+}
+
+#[tokio::test]
 async fn a_form_that_is_sent_back_keeps_what_was_typed() {
     let app = app().await;
     let mut person = at_check(&app).await;
@@ -375,7 +269,12 @@ async fn a_completed_run_has_one_bonus_from_its_choice_and_withdrawal_erases_it(
         sure.page.text(".bonus__amount").as_deref(),
         Some("GBP 1.05")
     );
-    assert!(sure.page.text(".bonus").unwrap().contains("Choose"));
+    let told = sure.page.text(".bonus").unwrap().replace('\u{a0}', " ");
+    assert!(told.contains("Choose"), "{told}");
+    assert!(
+        told.contains("GBP 1.00 + GBP 0.01 × 5 = GBP 1.05"),
+        "{told}"
+    );
     let drawn_then = bonuses(&app).await;
     assert_eq!(drawn_then.len(), 2);
     let drawn = drawn_then[1].choice.clone().unwrap();

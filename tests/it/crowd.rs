@@ -48,7 +48,6 @@ pub async fn completes(
         factor: TimeFactor::ONE,
         language: None,
         population: Population::People,
-        is_preview: false,
     };
     let started = store.start(&arrival, run).await.unwrap();
     for (position, plan) in plans.iter().enumerate() {

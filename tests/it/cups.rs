@@ -168,7 +168,6 @@ async fn documents_hold_the_frames_of_the_engine() {
             document["still_ms"].as_array().unwrap().last(),
             Some(duration)
         );
-        assert!(document["captions"].as_array().unwrap().len() >= 5, "{id}");
     }
     for unknown in ["unstable-falls-999", "unstable", "..%2f", "stable-falls-1"] {
         let page = app.get(&format!("/replays/{unknown}")).await;

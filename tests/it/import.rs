@@ -25,6 +25,7 @@ impl Place {
             .unwrap();
         let files = study::built_in()
             .into_iter()
+            .chain([("between.toml", include_str!("../data/between.toml"))])
             .map(|(name, text)| (name.to_owned(), text.to_owned()))
             .collect();
         Catalogue::publish(&store, files).await.unwrap();
@@ -46,6 +47,16 @@ impl Place {
         csv: &str,
         mapping: Option<&str>,
     ) -> Result<String, String> {
+        self.imports_bytes("driving", source, csv.as_bytes(), mapping)
+    }
+
+    fn imports_bytes(
+        &self,
+        study: &str,
+        source: &str,
+        csv: &[u8],
+        mapping: Option<&str>,
+    ) -> Result<String, String> {
         std::fs::write(self.path("answers.csv"), csv).unwrap();
         let (file, database, map) = (
             self.path("answers.csv"),
@@ -54,7 +65,7 @@ impl Place {
         );
         let mut arguments = vec![
             "import",
-            "driving",
+            study,
             "--file",
             &file,
             "--source",
@@ -75,13 +86,12 @@ impl Place {
     }
 
     async fn answers(&self) -> Vec<AnswerRow> {
+        self.answers_to("driving").await
+    }
+
+    async fn answers_to(&self, study: &str) -> Vec<AnswerRow> {
         self.store
-            .answers(
-                &"driving".into(),
-                Population::People,
-                AnswerKey::START,
-                1_000,
-            )
+            .answers(&study.into(), Population::People, AnswerKey::START, 1_000)
             .await
             .unwrap()
     }
@@ -178,34 +188,209 @@ async fn other_words_are_mapped() {
 }
 
 #[tokio::test]
-async fn one_faulty_row_refuses_the_file_and_all_are_told() {
+async fn one_faulty_row_refuses_the_file_and_all_that_is_wrong_is_told() {
     let place = Place::new().await;
-    let csv = "participant,problem,action,status,shown_at_ms,answered_at_ms
-a,explicit/untimed/low,stop,answered,,
-,explicit/untimed/low,stop,answered,,
-a,explicit/untimed/medium,stop,answered,,
-a,explicit/untimed/high,turn,answered,,
-a,explicit/timed/low,stop,answered,,
-a,explicit/timed/high,stop,answered,1000,99000
-a,explicit/untimed/low,accelerate,answered,,
-b,explicit/untimed/low,stop,skipped,,
-b,explicit/untimed/high,stop,answered,,soon
+    let csv = "participant,problem,block,action,status,shown_at_ms,answered_at_ms,input
+a,explicit/untimed/low,,stop,answered,,,
+,explicit/untimed/low,,stop,answered,,,
+a,explicit/untimed/medium,,stop,answered,,,
+a,explicit/untimed/high,,turn,answered,,,
+a,explicit/timed/low,,stop,answered,,,
+b,explicit/timed/high,,stop,answered,1000,99000,
+a,explicit/untimed/low,,accelerate,answered,,,
+c,explicit/untimed/low,timed,stop,skipped,,soon,foot
+c,,,stop,answered,9000,8000,
+d,implicit/untimed/low,,stop,answered,1000,,
 ";
     let told = place.imports(csv, None).unwrap_err();
     for expected in [
-        "8 cells",
+        "13 cells",
         "line 3, column participant",
         "line 4, column problem: found `explicit/untimed/medium`",
         "line 5, column action: found `turn`; allowed: accelerate, stop",
         "line 6, column server_ms",
         "line 7, column status: found `answered`; allowed: late",
         "line 8, column problem: found `explicit/untimed/low`; allowed: one answer per",
+        "line 9, column block: found `timed`; allowed: untimed, which ask explicit/untimed/low",
         "line 9, column status: found `skipped`",
-        "line 10, column answered_at_ms: found `soon`",
+        "line 9, column answered_at_ms: found `soon`; allowed: a moment",
+        "line 9, column input: found `foot`; allowed: mouse",
+        "line 10, column problem: found ``",
+        "line 10, column shown_at_ms: found `9000`; allowed: a moment before",
+        "line 11, column answered_at_ms: found ``",
     ] {
         assert!(told.contains(expected), "{expected} in {told}");
     }
     assert_eq!(place.answers().await, []);
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn of_many_faults_the_first_are_told_and_the_others_counted() {
+    let place = Place::new().await;
+    let rows: String = (0..250)
+        .map(|person| format!("{person},explicit/untimed/low,turn\n"))
+        .collect();
+    let told = place
+        .imports(&format!("participant,problem,action\n{rows}"), None)
+        .unwrap_err();
+    for expected in ["250 cells", "line 101, column action", "and 150 more"] {
+        assert!(told.contains(expected), "{expected} in {told}");
+    }
+    assert!(!told.contains("line 102,"), "{told}");
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn times_that_a_file_does_not_tell_are_nowhere_made_up() {
+    let place = Place::new().await;
+    let csv = "participant,problem,action,status,server_ms,shown_at_ms,answered_at_ms
+a,explicit/untimed/low,stop,answered,,,
+a,explicit/timed/low,stop,answered,2500,,
+b,explicit/untimed/low,stop,answered,,,2019-05-03T10:20:00Z
+b,explicit/untimed/high,stop,answered,4000,,1556878600000
+";
+    place.imports(csv, None).unwrap();
+    let times: Vec<_> = place
+        .answers()
+        .await
+        .into_iter()
+        .map(|answer| {
+            let moments = [answer.shown_at, answer.answered_at];
+            (moments.map(|at| at.map(|at| at.0)), answer.server_ms)
+        })
+        .collect();
+    // In the order in which they were given, where that is known.
+    assert_eq!(
+        times,
+        [
+            ([None, None], None),
+            ([None, None], Some(2_500)),
+            (
+                [Some(1_556_878_596_000), Some(1_556_878_600_000)],
+                Some(4_000)
+            ),
+            ([None, Some(1_556_878_800_000)], None),
+        ]
+    );
+    let driving = "driving".into();
+    let people = Population::People;
+    let runs = place
+        .store
+        .participants(&driving, people, 0.into(), 10)
+        .await
+        .unwrap();
+    let known: Vec<bool> = runs.iter().map(|run| run.started_at.is_some()).collect();
+    assert_eq!(known, [false, true]);
+    assert_eq!(runs[0].finished_at, None);
+    // Nobody was as fast as the import.
+    assert_eq!(
+        place
+            .store
+            .median_duration_ms(&driving, people)
+            .await
+            .unwrap(),
+        Some(204_000)
+    );
+    let last = place.store.last_answer(&driving, people).await.unwrap();
+    assert_eq!(last.unwrap().0, 1_556_878_800_000);
+    assert_eq!(place.store.check_answers().await.unwrap(), []);
+
+    let mixed = "participant,problem,action,answered_at_ms
+c,explicit/untimed/low,stop,1556878600000
+c,explicit/untimed/high,stop,
+";
+    let told = place.imports(mixed, None).unwrap_err();
+    assert!(
+        told.contains("line 3, column answered_at_ms: found ``; allowed: a moment, because"),
+        "{told}"
+    );
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn people_get_the_condition_of_their_questions_and_none_has_two() {
+    let place = Place::new().await;
+    let csv = "participant,problem,action
+a,gain/low/small,safe
+a,gain/high/small,bold
+b,keep/low/large,safe
+";
+    place
+        .imports_bytes("between", "lab-2019", csv.as_bytes(), None)
+        .unwrap();
+    let runs = place
+        .store
+        .participants(&"between".into(), Population::People, 0.into(), 10)
+        .await
+        .unwrap();
+    let conditions: Vec<_> = runs
+        .iter()
+        .map(|run| run.condition.clone().unwrap())
+        .collect();
+    assert_eq!(conditions, ["gain/small", "keep/large"]);
+    let two = "participant,problem,action
+c,gain/low/small,safe
+c,gain/low/large,safe
+";
+    let told = place
+        .imports_bytes("between", "lab-2019", two.as_bytes(), None)
+        .unwrap_err();
+    assert!(
+        told.contains("line 3, column problem: found `gain/low/large`; allowed: questions of the condition gain/small, in which line 2"),
+        "{told}"
+    );
+    assert_eq!(place.answers_to("between").await.len(), 3);
+    place.store.close().await;
+}
+
+#[tokio::test]
+async fn files_of_spreadsheets_are_read_and_other_encodings_named() {
+    let place = Place::new().await;
+    let rows = "participant;problem;action\r\nJörg;explicit/untimed/low;stop\r\n";
+    let taken = [
+        format!("\u{feff}{rows}").into_bytes(),
+        format!("\u{feff}\"participant\";{}", &rows["participant;".len()..]).into_bytes(),
+        rows.replace(';', "\t").into_bytes(),
+    ];
+    for (lab, file) in taken.iter().enumerate() {
+        let told = place.imports_bytes("driving", &format!("lab-{lab}"), file, None);
+        assert!(told.unwrap().starts_with("1 answers of 1 people"));
+    }
+    let utf_16: Vec<u8> = format!("\u{feff}{rows}")
+        .encode_utf16()
+        .flat_map(u16::to_le_bytes)
+        .collect();
+    let latin_1: Vec<u8> = rows.chars().map(|letter| letter as u8).collect();
+    let refused = [
+        (utf_16, "found `text in UTF-16`"),
+        (
+            latin_1,
+            "line 2, column (the whole file): found `bytes that are no UTF-8`",
+        ),
+        (Vec::new(), "found `an empty file`"),
+        (b"\xef\xbb\xbf\n".to_vec(), "found `an empty file`"),
+        (
+            rows.replace("stop", "stop;x").into_bytes(),
+            "line 2, column (the whole line): found `4 cells`; allowed: 3 cells",
+        ),
+        (
+            rows.replace("action", "action;action").into_bytes(),
+            "line 1, column action",
+        ),
+        (
+            rows.replace("stop", "turn").into_bytes(),
+            "line 2, column action: found `turn`",
+        ),
+        (b"<html>".to_vec(), "a header with the column participant"),
+    ];
+    for (file, expected) in refused {
+        let told = place
+            .imports_bytes("driving", "lab-9", &file, None)
+            .unwrap_err();
+        assert!(told.contains(expected), "{expected} in {told}");
+    }
+    assert_eq!(place.answers().await.len(), 3);
     place.store.close().await;
 }
 
@@ -248,6 +433,8 @@ async fn runs_are_judged_before_the_database_is_held() {
     let nobody = ImportedRun {
         participant: "a".to_owned(),
         answers: Vec::new(),
+        condition: None,
+        has_times: true,
         is_completed: true,
     };
     let imported = place

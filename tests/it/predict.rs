@@ -1,16 +1,30 @@
 //! `riskaware predict`: one line in, one line out.
 
-use crate::program::{riskaware, stdout};
+use crate::program::{riskaware, stderr, stdout};
 
 const CUPS: &str = r#""problem":{"stable":[[1.0,20.0]],"unstable":[[0.2,105.0],[0.8,0.0]]}"#;
 
 fn answers(lines: &[String]) -> Vec<serde_json::Value> {
     let output = riskaware(&["predict"], &lines.join("\n"));
-    assert_eq!(output.status.code(), Some(0));
-    stdout(&output)
+    let found: Vec<serde_json::Value> = stdout(&output)
         .lines()
         .map(|line| serde_json::from_str(line).unwrap())
-        .collect()
+        .collect();
+    let wrong = found
+        .iter()
+        .filter(|answer| answer["error"].is_string())
+        .count();
+    assert_eq!(output.status.code(), Some(i32::from(wrong > 0)));
+    let told = stderr(&output);
+    assert_eq!(
+        told.contains(&format!(
+            "{wrong} of {} lines could not be answered",
+            lines.len()
+        )),
+        wrong > 0,
+        "{told}"
+    );
+    found
 }
 
 #[track_caller]

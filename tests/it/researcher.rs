@@ -445,14 +445,15 @@ async fn choices_are_told_apart_by_source_unless_the_study_is_blind() {
     let page = app.get("/studies/driving/sources").await;
     assert_eq!(page.status, StatusCode::OK);
     // Ten cells, two of them without information, each with two sources.
-    let rows = page.texts("tbody tr");
+    let table = "[aria-label=\"Choices by source\"] tbody";
+    let rows = page.texts(&format!("{table} tr"));
     assert_eq!(rows.len(), 20);
-    let cells = page.texts("tbody tr:first-child td");
+    let cells = page.texts(&format!("{table} tr:first-child td"));
     assert_eq!(
         cells[..5],
         ["lab", "2", "Accelerate", "0", "0 %"].map(str::to_owned)
     );
-    let cells = page.texts("tbody tr:nth-child(2) td");
+    let cells = page.texts(&format!("{table} tr:nth-child(2) td"));
     assert_eq!(
         cells[..5],
         ["web", "1", "Accelerate", "1", "100 %"].map(str::to_owned)

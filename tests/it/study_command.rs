@@ -4,7 +4,7 @@ use std::fs;
 
 use riskaware::study::Study;
 
-use crate::program::{riskaware, stdout};
+use crate::program::{riskaware, stderr, stdout};
 
 fn check(name: &str, text: &str, arguments: &[&str]) -> (Option<i32>, String) {
     let folder = tempfile::tempdir().unwrap();
@@ -79,6 +79,102 @@ fn three_mistakes_are_named_at_once_each_with_its_line() {
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     assert_eq!(json["errors"].as_array().unwrap().len(), 3);
     assert!(json["errors"][0]["line"].is_u64());
+}
+
+#[test]
+fn dates_that_are_past_are_warned_of_with_their_line() {
+    let (_folder, text) = new(&[]);
+    let over = format!(
+        "{text}\n[recruiting]\nopens = 2019-01-01\ncloses = 2020-01-31\nretention = 2021-01-31T12:00:00Z\n"
+    );
+    let last = over.lines().count();
+    let (status, report) = check("my-lights.toml", &over, &[]);
+    assert_eq!(status, Some(0), "{report}");
+    for expected in [
+        format!(
+            "line {}, recruiting.closes: 2020-02-01T00:00:00Z is past",
+            last - 1
+        ),
+        format!("line {last}, recruiting.retention: 2021-01-31T12:00:00Z is past"),
+    ] {
+        assert!(report.contains(&expected), "{expected} in {report}");
+    }
+    let ahead = over.replace("2020-", "2920-").replace("2021-", "2921-");
+    let (_, report) = check("my-lights.toml", &ahead, &[]);
+    assert!(!report.contains("is past"), "{report}");
+    let never = over
+        .replace("closes = 2020-01-31\n", "")
+        .replace("2019-", "2029-");
+    let (status, report) = check("my-lights.toml", &never, &[]);
+    assert_eq!(status, Some(1));
+    assert!(
+        report.contains(
+            "recruiting.retention: found 2021-01-31T12:00:00Z; allowed: a date after `opens`"
+        ),
+        "{report}"
+    );
+}
+
+#[test]
+fn several_files_and_folders_are_checked_each_under_its_name() {
+    let (folder, text) = new(&[]);
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    fs::write(
+        path("other.toml"),
+        text.replace("id = \"my-lights\"", "id = \"other\""),
+    )
+    .unwrap();
+    fs::write(path("notes.txt"), "no study").unwrap();
+    let files = folder.path().to_str().unwrap();
+    let checks = |arguments: &[&str]| {
+        let output = riskaware(&[&["study", "check"], arguments].concat(), "");
+        (output.status.code(), stdout(&output).to_owned())
+    };
+    let (status, report) = checks(&[files]);
+    assert_eq!(status, Some(0), "{report}");
+    for part in [
+        format!("== {}\n", path("my-lights.toml")),
+        format!("== {}\n", path("other.toml")),
+        "2 files, none is refused".to_owned(),
+    ] {
+        assert!(report.contains(&part), "{part} in {report}");
+    }
+    assert!(!report.contains("notes.txt"), "{report}");
+
+    fs::write(path("twice.toml"), &text).unwrap();
+    let (status, report) = checks(&[
+        &path("my-lights.toml"),
+        &path("twice.toml"),
+        &path("gone.toml"),
+    ]);
+    assert_eq!(status, Some(1));
+    for part in [
+        format!(
+            "twice.toml, id: found `my-lights`, which {} has",
+            path("my-lights.toml")
+        ),
+        "gone.toml: found No such file".to_owned(),
+        "3 files, 2 refused".to_owned(),
+    ] {
+        assert!(report.contains(&part), "{part} in {report}");
+    }
+    let (status, json) = checks(&[files, "--json"]);
+    assert_eq!(status, Some(1));
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let mistakes: Vec<usize> = json
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|file| file["errors"].as_array().unwrap().len())
+        .collect();
+    assert_eq!(mistakes, [0, 0, 1]);
+
+    let empty = tempfile::tempdir().unwrap();
+    let output = riskaware(&["study", "check", empty.path().to_str().unwrap()], "");
+    assert!(
+        stderr(&output).contains("holds no study file"),
+        "{output:?}"
+    );
 }
 
 #[test]

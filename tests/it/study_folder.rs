@@ -10,13 +10,14 @@ use riskaware::{
     clock::Clock,
     jobs::{Catalogue, Prepare, StudyFolder},
     store::{Options, Population, Store, StudyState},
-    study::{ParseError, Study, StudyId},
+    study::{ParseError, Study, StudyId, built_in},
 };
 use tempfile::TempDir;
 
 use crate::{
     app::START,
     conditions::BETWEEN,
+    crowd::completes,
     program::{riskaware, stderr, stdout},
 };
 
@@ -237,4 +238,56 @@ async fn a_study_is_opened_and_closed_by_command() {
         .totals(&StudyId::from("driving"), Population::People)
         .await;
     assert_eq!(totals.unwrap().started, 0);
+}
+
+#[tokio::test]
+async fn what_was_refused_is_read_again_when_the_folder_changes_and_forgotten_when_it_goes() {
+    let other = BETWEEN.replace("id = \"between\"", "id = \"other\"");
+    let mut folder = Folder::with(&[("z.toml", BETWEEN)]).await;
+    let catalogue = folder.publish().await;
+    // By name it comes before the file that it waits for.
+    folder.write("a.toml", BETWEEN);
+    folder.write("broken.toml", "id = ");
+    folder.look(&catalogue).await;
+    assert_eq!(catalogue.file_errors().len(), 2);
+    folder.write("z.toml", &other);
+    folder.look(&catalogue).await;
+    let wrong: Vec<String> = catalogue.file_errors().into_keys().collect();
+    assert_eq!(wrong, [folder.file("broken.toml").display().to_string()]);
+    std::fs::remove_file(folder.file("broken.toml")).unwrap();
+    folder.look(&catalogue).await;
+    assert!(catalogue.file_errors().is_empty());
+    folder.store.close().await;
+}
+
+#[tokio::test]
+async fn without_built_in_studies_only_those_that_somebody_began_are_served() {
+    let mut folder = Folder::with(&[("between.toml", BETWEEN)]).await;
+    // A server with them ran on this database before, and one person took part in one.
+    let catalogue = folder.publish().await;
+    let driving = StudyId::from("driving");
+    completes(
+        &folder.store,
+        &catalogue,
+        &driving,
+        1,
+        None,
+        |_, actions| actions[0].clone(),
+    )
+    .await;
+    folder.folder = StudyFolder::new(&folder.home.path().join("studies")).without_built_in();
+    let catalogue = folder.publish().await;
+    let served =
+        ["between", "cups", "driving"].map(|id| catalogue.current(&StudyId::from(id)).is_some());
+    assert_eq!(served, [true, false, true]);
+    // A file of the lab's with the id of a built-in study is the lab's.
+    let (name, cups) = built_in()[1];
+    folder.write(name, cups);
+    folder.look(&catalogue).await;
+    assert!(catalogue.current(&StudyId::from("cups")).is_some());
+    let alone = Catalogue::publish_without_built_in(&folder.store)
+        .await
+        .unwrap();
+    assert_eq!(alone.studies().len(), 2);
+    folder.store.close().await;
 }

@@ -1,12 +1,14 @@
 //! `riskaware token`: what programs show to the API.
 
+use anyhow::bail;
 use clap::{Args, Subcommand};
 
 use super::{super::output::print, DatabaseArgs, recording, shown};
 use crate::{
     chance::Chance,
-    store::{AccountName, ApiTokenId, NewApiToken, Scope, Store, Token, TokenState},
+    store::{Account, AccountName, ApiTokenId, NewApiToken, Scope, Store, Token, TokenState},
     study::Timestamp,
+    web::access::{Caller, Need},
 };
 
 const DAY_MS: i64 = 24 * 60 * 60 * 1000;
@@ -72,7 +74,11 @@ async fn carry_out(store: &Store, command: TokenCommand) -> anyhow::Result<()> {
             scopes.sort_unstable();
             scopes.dedup();
             let owner = match account {
-                Some(account) => Some(store.account_named(account.as_str()).await?.id),
+                Some(account) => {
+                    let account = store.account_named(account.as_str()).await?;
+                    require_allowed(&account, &scopes)?;
+                    Some(account.id)
+                }
                 None => None,
             };
             let names: Vec<&str> = scopes.iter().map(|scope| scope.as_str()).collect();
@@ -97,6 +103,34 @@ async fn carry_out(store: &Store, command: TokenCommand) -> anyhow::Result<()> {
             Ok(())
         }
     }
+}
+
+/// Refuses what the token could never be used for.
+fn require_allowed(account: &Account, scopes: &[Scope]) -> anyhow::Result<()> {
+    let caller = Caller::Account(account.clone());
+    let may = |scope: &Scope| {
+        caller.may(match scope {
+            Scope::Results => Need::Results,
+            Scope::Data => Need::Data,
+            Scope::Manage => Need::Manage,
+        })
+    };
+    let names = |scopes: Vec<&Scope>| {
+        let names: Vec<&str> = scopes.into_iter().map(|scope| scope.as_str()).collect();
+        names.join(", ")
+    };
+    let beyond: Vec<&Scope> = scopes.iter().filter(|scope| !may(scope)).collect();
+    if beyond.is_empty() {
+        return Ok(());
+    }
+    let all = [Scope::Results, Scope::Data, Scope::Manage];
+    bail!(
+        "{} is a {}, whose tokens may not be used for {}; allowed: {}",
+        account.name,
+        account.role,
+        names(beyond),
+        names(all.iter().filter(|scope| may(scope)).collect())
+    )
 }
 
 async fn list(store: &Store) -> anyhow::Result<()> {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use self::report::{Report, write_table};
 use super::fit_source::{Source, SourceArguments};
-use super::values::model;
+use super::values::{model, parameter};
 use super::{output::print, parallel};
 use crate::inference::recovery::{Recovery, Replicate, Scenario, Truth};
 use crate::inference::{FitSettings, Quantity};
@@ -142,13 +142,6 @@ fn truth(model: &ChoiceModel, parameters: &[(String, f64)]) -> anyhow::Result<Tr
         );
     }
     Ok(Truth::Known(known))
-}
-
-fn parameter(text: &str) -> Result<(String, f64), String> {
-    let wanted = || "allowed is NAME=VALUE, such as alpha=0.88".to_owned();
-    let (name, value) = text.split_once('=').ok_or_else(wanted)?;
-    let value = value.trim().parse().map_err(|_| wanted())?;
-    Ok((name.trim().to_owned(), value))
 }
 
 fn quantity(text: &str) -> Result<Quantity, String> {

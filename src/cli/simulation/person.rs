@@ -8,9 +8,9 @@ use std::{
 use rand::{Rng, RngExt};
 use reqwest::{Client, Response, StatusCode, header};
 
-use super::{form::fill_in, page::Page};
+use super::{choice::choice, form::fill_in, page::Page};
 use crate::{
-    model::{self, ChoiceError, ChoiceProblem, Parameters, RiskAwareOptions},
+    model::{ChoiceError, Parameters},
     study::{BlockId, QuestionId, Step, StepData, StepError, StepKind, StepPlan, Study},
 };
 
@@ -126,19 +126,23 @@ impl<R: Rng> Person<R> {
         names: &[String],
     ) -> Result<String, PersonError> {
         let asked = plan(StepKind::Choice, block, Some(question));
-        if let Step::Choice(choice) = self.study.step(&asked)?
-            && let Some(problem) = choice.problem
-        {
-            return Ok(draw(
-                problem,
-                &self.parameters,
-                self.study.fit().options,
-                &mut self.rng,
-            )?);
-        }
-        // Nothing is known that the model could weigh.
-        let toss = self.rng.random_range(0..names.len().max(1));
-        Ok(names.get(toss).cloned().unwrap_or_default())
+        let step = self.study.step(&asked)?;
+        let problem = match &step {
+            Step::Choice(choice) => choice.problem,
+            Step::Consent(_)
+            | Step::Info(_)
+            | Step::Replays(_)
+            | Step::Form(_)
+            | Step::Thanks(_) => None,
+        };
+        let options = self.study.fit().options;
+        Ok(choice(
+            problem,
+            names,
+            &self.parameters,
+            options,
+            &mut self.rng,
+        )?)
     }
 }
 
@@ -151,26 +155,6 @@ fn plan(kind: StepKind, block: BlockId, question: Option<QuestionId>) -> StepPla
         limit_ms: None,
         data: StepData::default(),
     }
-}
-
-/// An action drawn with the model's probabilities.
-fn draw(
-    problem: &ChoiceProblem,
-    parameters: &Parameters,
-    options: RiskAwareOptions,
-    rng: &mut impl Rng,
-) -> Result<String, ChoiceError> {
-    let probabilities = model::probabilities(problem, parameters, options)?;
-    let mut left: f64 = rng.random();
-    let mut chosen = 0;
-    for (position, probability) in probabilities.iter().enumerate() {
-        chosen = position;
-        left -= probability;
-        if left < 0.0 {
-            break;
-        }
-    }
-    Ok(problem.actions()[chosen].name.clone())
 }
 
 /// Sends a form until the server has taken it, as a page does that keeps its pending form.

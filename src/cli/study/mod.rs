@@ -11,13 +11,14 @@ use std::process::ExitCode;
 use clap::Subcommand;
 
 use super::block_on;
+use crate::clock::Clock;
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Write a commented study file to start from
     New(new::Arguments),
-    /// Check a study file and show what it amounts to
+    /// Check study files and show what they amount to
     Check(check::Arguments),
     /// Let a study take people in
     Open(state::Arguments),
@@ -34,7 +35,7 @@ pub enum Command {
 pub fn run(command: Command) -> anyhow::Result<ExitCode> {
     match command {
         Command::New(arguments) => new::run(&arguments).map(|()| ExitCode::SUCCESS),
-        Command::Check(arguments) => check::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments, Clock::start().now()),
         Command::Open(arguments) => block_on(state::run(arguments, state::Change::Open)),
         Command::Pause(arguments) => block_on(state::run(arguments, state::Change::Pause)),
         Command::Close(arguments) => block_on(state::run(arguments, state::Change::Close)),

@@ -3,7 +3,7 @@
 use crate::{
     inference::design_note,
     model::{ChoiceProblem, Outcome},
-    study::{CompletionCode, RecruitingIds, RedirectTarget, StepKind, Study},
+    study::{CompletionCode, RecruitingIds, RedirectTarget, StepKind, Study, Timestamp},
 };
 
 /// Expected rewards that differ by less than this share of the problem's range are nearly equal. (decision)
@@ -12,13 +12,14 @@ const NEARLY_EQUAL: f64 = 0.02;
 /// How far the reckoned duration may be from the one that is told, as a factor. (decision)
 const DURATION_FACTOR: f64 = 1.5;
 
-/// All warnings about a study, the design first.
-pub(super) fn of(study: &Study) -> Vec<String> {
+/// All warnings about a study at a moment, the design first.
+pub(super) fn of(study: &Study, now: Timestamp) -> Vec<String> {
     let mut warnings = cells(study);
     warnings.extend(parameters(study));
     warnings.extend(texts(study));
     warnings.extend(languages(study));
     warnings.extend(duration(study));
+    warnings.extend(dates(study, now));
     warnings.extend(payment(study));
     warnings.extend(sites(study));
     warnings
@@ -222,6 +223,31 @@ fn duration(study: &Study) -> Option<String> {
     is_far.then(|| {
         format!("minutes: people are told {said}, and the pages amount to about {minutes:.1}")
     })
+}
+
+/// Dates after which nobody can take part any more.
+fn dates(study: &Study, now: Timestamp) -> Vec<String> {
+    let recruiting = study.recruiting();
+    let dates = [
+        ("closes", recruiting.closes, "nobody is taken in any more"),
+        (
+            "retention",
+            recruiting.retention,
+            "nobody is taken in any more, and what ties answers to people is erased",
+        ),
+    ];
+    dates
+        .into_iter()
+        .filter_map(|(key, date, so)| Some((key, date.filter(|date| *date <= now)?, so)))
+        .map(|(key, date, so)| {
+            let line = study
+                .line_of(&["recruiting", key])
+                .map_or_else(String::new, |line| format!("line {line}, "));
+            let date = jiff::Timestamp::from_millisecond(date.0)
+                .map_or_else(|_| "this moment".to_owned(), |date| date.to_string());
+            format!("{line}recruiting.{key}: {date} is past, so {so}")
+        })
+        .collect()
 }
 
 fn payment(study: &Study) -> Option<String> {

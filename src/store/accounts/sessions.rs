@@ -47,6 +47,25 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn session(&self, token: &Token) -> Result<Option<Account>, Error> {
+        let Some((session, account)) = self.read_session(token).await? else {
+            return Ok(None);
+        };
+        if self.now().0 - session.last_used_at.0 >= USE_NOTED_MS {
+            self.change_account_later(AccountChange::UseSession(token.hash()));
+        }
+        Ok(Some(account))
+    }
+
+    /// The same without counting as use: what a page does by itself keeps no session alive.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn session_unused(&self, token: &Token) -> Result<Option<Account>, Error> {
+        let found = self.read_session(token).await?;
+        Ok(found.map(|(_, account)| account))
+    }
+
+    async fn read_session(&self, token: &Token) -> Result<Option<(Session, Account)>, Error> {
         let row: Option<SessionRow> = sqlx::query_as(
             r#"
             select
@@ -64,20 +83,14 @@ impl Store {
         let Some(row) = row else {
             return Ok(None);
         };
-        let now = self.now();
         let session = Session {
             created_at: Timestamp(row.session_created_at_ms),
             last_used_at: Timestamp(row.last_used_at_ms),
             expires_at: Timestamp(row.expires_at_ms),
         };
         let account = row.account.read()?;
-        if session.is_over(now) || account.disabled_at.is_some() {
-            return Ok(None);
-        }
-        if now.0 - session.last_used_at.0 >= USE_NOTED_MS {
-            self.change_account_later(AccountChange::UseSession(token.hash()));
-        }
-        Ok(Some(account))
+        let is_over = session.is_over(self.now()) || account.disabled_at.is_some();
+        Ok((!is_over).then_some((session, account)))
     }
 
     /// The sessions of an account that are not over, the newest first.

@@ -117,6 +117,24 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn api_token(&self, token: &Token) -> Result<Option<ApiToken>, Error> {
+        let token = self.api_token_unused(token).await?;
+        let now = self.now();
+        if let Some(token) = &token
+            && token.state(now) == TokenState::Usable
+            && token
+                .last_used_at
+                .is_none_or(|used_at| now.0 - used_at.0 >= USE_NOTED_MS)
+        {
+            self.change_account_later(AccountChange::UseToken(token.id));
+        }
+        Ok(token)
+    }
+
+    /// The same without counting as use.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn api_token_unused(&self, token: &Token) -> Result<Option<ApiToken>, Error> {
         let row: Option<TokenRow> = sqlx::query_as(
             r#"
             select
@@ -132,17 +150,7 @@ impl Store {
         .bind(token.hash().as_bytes())
         .fetch_optional(&self.pool)
         .await?;
-        let token = row.map(TokenRow::read).transpose()?;
-        let now = self.now();
-        if let Some(token) = &token
-            && token.state(now) == TokenState::Usable
-            && token
-                .last_used_at
-                .is_none_or(|used_at| now.0 - used_at.0 >= USE_NOTED_MS)
-        {
-            self.change_account_later(AccountChange::UseToken(token.id));
-        }
-        Ok(token)
+        row.map(TokenRow::read).transpose()
     }
 
     /// All tokens, revoked and expired ones too, the newest first; or those of one account.

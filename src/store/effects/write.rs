@@ -65,7 +65,8 @@ impl Effects {
             r#"
             insert into run (
                 id, study_id, version_id, state, position, platform, platform_key, recruiting, source, language,
-                is_simulated, is_preview, time_factor, condition, expires_at_ms, started_at_ms
+                is_simulated, is_preview, time_factor, condition, expires_at_ms, has_times,
+                started_at_ms
             )
             select
                 new.value ->> 'id', new.value ->> 'study_id',
@@ -79,7 +80,7 @@ impl Effects {
                 'active', 0, new.value ->> 'platform', new.value ->> 'platform_key', new.value ->> 'recruiting',
                 new.value ->> 'source', new.value ->> 'language', new.value ->> 'is_simulated', new.value ->> 'is_preview',
                 new.value ->> 'time_factor', new.value ->> 'condition', new.value ->> 'expires_at',
-                new.value ->> 'at'
+                new.value ->> 'has_times', new.value ->> 'at'
             from json_each(?) as new
             "#,
         )

@@ -50,6 +50,11 @@ pub(super) fn read(
             .key("retention")
             .fault(found, "a date that is not before `closes`"));
     }
+    if let (Some(opens), Some(retention), Some(found)) = (opens, retention, raw.retention)
+        && retention <= opens
+    {
+        return Err(path.key("retention").fault(found, "a date after `opens`"));
+    }
     let devices = raw.devices.clone().unwrap_or_default();
     if raw.devices.as_ref().is_some_and(Vec::is_empty) {
         let allowed = "`phone`, `tablet`, `desktop`, one or more; leave the key out for all";

@@ -16,13 +16,15 @@ pub struct Mturk {
     "the link's parameter turkSubmitTo names `{found}`, which is not MTurk; allowed: {allowed}"
 )]
 pub struct NotMturk {
-    found: String,
-    allowed: String,
+    /// What the link names.
+    pub found: String,
+    /// The origins that may stand there.
+    pub allowed: String,
 }
 
 impl Mturk {
-    /// The sites whose pages hold the frame: where workers work, and its sandbox.
-    const FRAMING: [&'static str; 3] = [
+    /// MTurk's sites: where workers work and its pages hold the frame, where it began, and its sandbox.
+    const OWN: [&'static str; 3] = [
         "https://worker.mturk.com",
         "https://www.mturk.com",
         "https://workersandbox.mturk.com",
@@ -35,7 +37,14 @@ impl Mturk {
         if !self.frame {
             return Vec::new();
         }
-        self.with_own(&Self::FRAMING)
+        self.with_own(&Self::OWN)
+    }
+
+    /// The origins to which the form with a finished assignment may lead. It is sent to one of them, but that one may send
+    /// the browser on to another of MTurk's hosts, and browsers such as Chromium hold redirects of a form against the
+    /// page's policy too.
+    pub fn submitting_sites(&self) -> Vec<&str> {
+        self.with_own(&Self::OWN)
     }
 
     /// The origin that a link's `turkSubmitTo` names.
@@ -107,6 +116,15 @@ mod tests {
             mturk.taking_site("http://localhost:4000/"),
             Ok("http://localhost:4000")
         );
+    }
+
+    #[test]
+    fn a_finished_assignment_may_be_led_on_to_each_of_mturks_hosts() {
+        let mturk = Mturk::default();
+        let sites = mturk.submitting_sites();
+        assert!(Mturk::TAKING.iter().all(|site| sites.contains(site)));
+        assert!(sites.contains(&"https://worker.mturk.com"));
+        assert!(sites.iter().all(|site| is_site(site)));
     }
 
     #[test]

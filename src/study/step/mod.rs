@@ -89,6 +89,27 @@ pub enum Reply {
     },
 }
 
+impl Reply {
+    /// The fields of a form as they were filled in, to show them again.
+    pub fn fields(&self) -> Fields {
+        let Self::Filled { values } = self else {
+            return Fields::new();
+        };
+        let shown = |value: &serde_json::Value| match value {
+            serde_json::Value::String(text) => text.clone(),
+            other => other.to_string(),
+        };
+        let posted = values.iter().flat_map(|(name, value)| match value {
+            serde_json::Value::Array(several) => several
+                .iter()
+                .map(|value| (name.clone(), shown(value)))
+                .collect(),
+            value => vec![(name.clone(), shown(value))],
+        });
+        posted.collect()
+    }
+}
+
 /// A field of a posted form that is not acceptable.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {message}")]

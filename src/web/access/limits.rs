@@ -242,7 +242,10 @@ fn login(name: &str, client: ClientAddress) -> (String, IpAddr) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::Timestamp;
+    use crate::{
+        store::{Account, AccountId, Role},
+        study::Timestamp,
+    };
 
     #[test]
     fn after_ten_logins_one_is_let_every_half_minute() {
@@ -295,5 +298,34 @@ mod tests {
             limits.check_login("anna", office).unwrap();
         }
         limits.check_login("anna", office).unwrap_err();
+    }
+
+    #[test]
+    fn strangers_cannot_fill_the_log_with_refusals() {
+        let clock = Clock::manual(Timestamp(1_767_225_600_000));
+        let limits = Limits::new(&clock, 60);
+        let here = ClientAddress::at("192.0.2.1");
+        let noted = |caller: &Caller, client, tries: u32| {
+            let noted = (0..tries).filter(|_| limits.may_be_noted(caller, client));
+            noted.count()
+        };
+        let most = REFUSALS_NOTED_PER_MINUTE as usize;
+        assert_eq!(noted(&Caller::Nobody, here, 10_000), most);
+        // Nor from this machine before there are accounts; other addresses are noted as ever, accounts a little more.
+        assert_eq!(noted(&Caller::Local, here, 10), 0);
+        let there = ClientAddress::at("192.0.2.2");
+        assert_eq!(noted(&Caller::Nobody, there, 1), 1);
+        let account = Caller::Account(Account {
+            id: AccountId::from(1),
+            name: "anna".to_owned(),
+            role: Role::Viewer,
+            must_change_password: false,
+            created_at: clock.now(),
+            disabled_at: None,
+        });
+        let most_of_known = REFUSALS_OF_KNOWN_NOTED_PER_MINUTE as usize;
+        assert_eq!(noted(&account, here, 10_000), most_of_known);
+        clock.advance(60_000);
+        assert_eq!(noted(&Caller::Nobody, here, 10_000), most);
     }
 }

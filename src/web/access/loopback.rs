@@ -49,9 +49,7 @@ pub(super) fn not_here() -> Error {
 
 /// What a form or call from a page of another site is answered.
 pub(in crate::web) fn cross_site(_: ProtectionError) -> Response {
-    let text =
-        "this was sent from a page of another site; open the study's own link and answer there";
-    Error::Forbidden(text.to_owned()).into_response()
+    Error::CrossSite.into_response()
 }
 
 fn is_loopback_name(host: &str) -> bool {

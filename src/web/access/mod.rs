@@ -18,6 +18,7 @@ mod reader;
 mod record;
 mod request_id;
 mod routes;
+mod standing;
 
 use std::{net::SocketAddr, sync::Arc};
 
@@ -36,6 +37,7 @@ pub(super) use self::{
     reader::Reader,
     record::{Recorded, Written, entry, record},
     request_id::own_request_id,
+    standing::Standing,
 };
 pub use self::{
     caller::Caller,
@@ -79,6 +81,7 @@ impl<E: Into<Error>> From<E> for Refusal {
 type Admitted = Result<Option<ReleasedTo>, Refusal>;
 
 /// A request as the rules see it.
+#[derive(Clone)]
 struct Asked {
     route: &'static Route,
     /// The study in the path, if there is such a study.
@@ -98,9 +101,14 @@ impl Asked {
         self.route.path.starts_with("/api/")
     }
 
+    /// Whether the answer goes on until somebody leaves.
+    fn is_for_streams(&self) -> bool {
+        self.route.path.ends_with("/events")
+    }
+
     /// Whether a script asks and not a person, who would be shown a page.
     fn is_for_scripts(&self) -> bool {
-        self.is_api() || self.route.path.contains("/data/") || self.route.path.ends_with("/events")
+        self.is_api() || self.route.path.contains("/data/") || self.is_for_streams()
     }
 
     fn answer(&self, refusal: Refusal) -> Response {
@@ -190,6 +198,10 @@ pub(super) async fn guard(
     if let Some(released) = released {
         request.extensions_mut().insert(released);
     }
+    if asked.is_for_streams() {
+        let standing = Standing::new(&guard, &asked, request.headers());
+        request.extensions_mut().insert(standing);
+    }
     let may_go_away = asked.is_get || asked.route.is_for_participants();
     let handled = async move {
         let response = next.run(request).await;
@@ -240,7 +252,11 @@ impl Guard {
         let need = match asked.route.rule {
             Rule::Open => return Ok((Caller::Nobody, Ok(None))),
             Rule::Greets => {
-                let caller = self.session(headers).await?.unwrap_or(Caller::Nobody);
+                let caller = match self.session(headers).await? {
+                    Some(caller) => caller,
+                    None if self.is_let_without_accounts(headers).await? => Caller::Local,
+                    None => Caller::Nobody,
+                };
                 return Ok((caller, Ok(None)));
             }
             Rule::SignedIn => None,
@@ -259,6 +275,14 @@ impl Guard {
         } else {
             self.admit_to_page(asked, need, headers).await
         }
+    }
+
+    /// Whether somebody who only visits may see results, because nobody has an account yet.
+    async fn is_let_without_accounts(&self, headers: &HeaderMap) -> Result<bool, Error> {
+        let is_let = self
+            .admit_without_accounts(Some(Need::Results), headers)
+            .is_ok();
+        Ok(is_let && !self.app.store.has_accounts().await?)
     }
 
     fn admit_without_accounts(

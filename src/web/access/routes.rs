@@ -119,6 +119,11 @@ pub const ROUTES: &[Route] = &[
         RESULTS,
         "look at choices by source",
     ),
+    route(
+        "/studies/{study}/data/sources.html",
+        RESULTS,
+        "look at choices by source",
+    ),
     route("/studies/{study}/preview", MANAGE, "preview the study"),
     route(
         "/studies/{study}/preview/start",
@@ -222,6 +227,12 @@ pub const ROUTES: &[Route] = &[
         "look at the participants",
     ),
     route("/api/v1/studies/{study}/funnel", RESULTS, "watch the study"),
+    // Sources may be small, so this is no aggregate for everybody.
+    route(
+        "/api/v1/studies/{study}/sources",
+        RESULTS,
+        "look at choices by source",
+    ),
     route(
         "/api/v1/studies/{study}/answers.csv",
         DATA,

@@ -62,6 +62,9 @@ fn signed_in(Extension(caller): Extension<Caller>) -> Result<Account, Error> {
     }
 }
 
+/// What somebody is told whose two passwords are not the same. Both are typed anew: which one was meant nobody knows.
+const DIFFERENT: &str = "the two passwords are not the same; type both once more";
+
 /// A password's hash, with a salt of its own.
 async fn hashed(password: Password, chance: &Chance) -> Result<PasswordHash, Error> {
     let mut salt = [0; 16];

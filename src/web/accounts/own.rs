@@ -17,8 +17,10 @@ use super::{
         Error, Settings,
         access::{self, Caller, ClientAddress, Limits, Need},
         assets,
+        error::sentence,
         results::rfc3339,
     },
+    DIFFERENT,
     bar::{Bar, Who},
     hashed, signed_in,
 };
@@ -94,6 +96,8 @@ pub(super) struct PasswordForm {
     new: String,
     /// Ticked where the account's tokens are to end too.
     revoke: Option<String>,
+    /// The new one once more.
+    again: String,
 }
 
 /// The page of an account, with a token that was just made, or with what was wrong.
@@ -188,6 +192,9 @@ pub(super) async fn set_password(
         Ok(password) => password,
         Err(error) => return again(&store, &account, format!("{error}")).await,
     };
+    if form.again != form.new {
+        return again(&store, &account, DIFFERENT.to_owned()).await;
+    }
     if form.new == form.current {
         return again(
             &store,
@@ -214,7 +221,7 @@ pub(super) async fn set_password(
 }
 
 async fn again(store: &Store, account: &Account, error: String) -> Result<Response, Error> {
-    let page = password_page(store, account, Some(error)).await?;
+    let page = password_page(store, account, Some(sentence(&error))).await?;
     Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response())
 }
 

@@ -15,6 +15,7 @@ use super::{
         Error,
         access::{self, Caller, Recorded, Written},
         assets,
+        error::sentence,
         results::rfc3339,
     },
     bar::{Bar, Who},
@@ -83,7 +84,7 @@ async fn page(
     let now = store.clock().now();
     Ok(PeoplePage {
         bar: Bar::of(store, caller).await?,
-        error,
+        error: error.as_deref().map(sentence),
         invited,
         tokens: tokens
             .into_iter()

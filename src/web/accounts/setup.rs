@@ -12,7 +12,8 @@ use axum::{
 use serde::Deserialize;
 
 use super::{
-    super::{Error, Settings, assets},
+    super::{Error, Settings, assets, error::sentence},
+    DIFFERENT,
     bar::{Bar, Who},
     hashed, open_session,
 };
@@ -49,6 +50,8 @@ impl SetupPage {
 pub(super) struct NewcomerForm {
     name: String,
     password: String,
+    /// The same once more.
+    again: String,
 }
 
 /// GET `/setup/TOKEN`.
@@ -76,6 +79,9 @@ pub(super) async fn make(
         (Err(error), _) => return Ok(again(token, form.name, &error)),
         (_, Err(error)) => return Ok(again(token, form.name, &error)),
     };
+    if form.again != form.password {
+        return Ok(again(token, form.name, &DIFFERENT));
+    }
     let account = NewAccount {
         name: name.clone(),
         password: hashed(password, &chance).await?,
@@ -95,8 +101,8 @@ pub(super) async fn make(
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/account")).into_response())
 }
 
-fn again(token: Token, name: String, error: &dyn std::error::Error) -> Response {
-    let page = SetupPage::new(token, name, Some(error.to_string()));
+fn again(token: Token, name: String, error: &dyn std::fmt::Display) -> Response {
+    let page = SetupPage::new(token, name, Some(sentence(&error.to_string())));
     (StatusCode::UNPROCESSABLE_ENTITY, page).into_response()
 }
 

@@ -106,7 +106,7 @@ impl From<&Fit> for StoredFit {
             provisional: fit.is_provisional,
             attempts: fit.attempts,
             data_version: fit.data_version,
-            study_version: fit.version.get(),
+            study_version: fit.version_number.get(),
             seed: fit.seed,
             program_version: fit.program_version.clone(),
             input_hash: fit.input_hash.clone(),

@@ -12,6 +12,7 @@ mod fits;
 mod page;
 mod participants;
 mod predict;
+mod sources;
 mod sweeps;
 mod version;
 
@@ -33,7 +34,7 @@ pub(super) use self::extract::Query;
 use self::{extract::Path, version::Asked};
 use super::{
     ApiError, AppState, Error, Settings,
-    access::{Caller, ClientAddress, Need, Reader},
+    access::{Caller, ClientAddress, Need, Reader, Standing},
     events,
     results::{self, Accuracy, Comparison, Curves, PlanQuery, Sequential, Summary},
 };
@@ -90,6 +91,7 @@ fn studies() -> OpenApiRouter<AppState> {
         .routes(routes!(accuracy))
         .routes(routes!(sweeps::share))
         .routes(routes!(sweeps::gap))
+        .routes(routes!(sources::sources))
         .routes(routes!(comparison))
         .routes(routes!(sequential))
         .routes(routes!(predict::predict))
@@ -361,7 +363,7 @@ async fn sequential(
 /// released, and no other.
 #[utoipa::path(
     get, path = "/studies/{study}/events", tag = "events", params(StudyPath),
-    responses((status = 200, description = "Events named `version`, one for each version; the stream does not end by itself", content((events::VersionEvent = "text/event-stream")))),
+    responses((status = 200, description = "Events named `version`, one for each version; the stream ends when the token or the study's public switch no longer opens it", content((events::VersionEvent = "text/event-stream")))),
     security((), ("token" = ["results"])),
 )]
 async fn stream(
@@ -369,13 +371,14 @@ async fn stream(
     reader: Reader,
     State(stop): State<CancellationToken>,
     Extension(client): Extension<ClientAddress>,
+    Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
     Ok(events::stream(
         (store, &catalogue, settings.population),
         study,
-        (&reader, client),
+        (&reader, client, standing),
         stop,
     )
     .await?

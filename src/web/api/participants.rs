@@ -50,9 +50,9 @@ struct Participant {
     condition: Option<String>,
     /// The label of their link.
     source: Option<String>,
-    /// RFC 3339.
-    started_at: String,
-    /// RFC 3339; null while they are under way.
+    /// RFC 3339; null where an import did not tell.
+    started_at: Option<String>,
+    /// RFC 3339; null while they are under way, and where an import did not tell.
     finished_at: Option<String>,
     /// Steps that were closed.
     answered: u64,
@@ -116,7 +116,7 @@ impl From<WatchedParticipant> for Participant {
             state: row.state,
             condition: row.condition.map(|condition| condition.to_string()),
             source: row.source,
-            started_at: rfc3339(row.started_at),
+            started_at: row.started_at.map(rfc3339),
             finished_at: row.finished_at.map(rfc3339),
             answered: row.answered,
             steps: row.steps,

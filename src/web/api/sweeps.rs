@@ -8,6 +8,7 @@ use axum::{
     http::{HeaderValue, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use serde::Serialize;
 
 use super::{
     Parts, StudyPath,
@@ -71,14 +72,18 @@ pub(super) async fn gap(
 }
 
 fn answer(sweep: Sweep) -> Response {
-    match sweep.outcome {
-        Outcome::Ready { .. } => Json(sweep).into_response(),
-        Outcome::Running { .. } => {
-            let mut response = (StatusCode::ACCEPTED, Json(sweep)).into_response();
-            response
-                .headers_mut()
-                .insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
-            response
-        }
+    let is_running = matches!(sweep.outcome, Outcome::Running { .. });
+    on_demand(sweep, is_running)
+}
+
+/// What is computed on demand: 202 while it is on its way.
+pub(super) fn on_demand(found: impl Serialize, is_running: bool) -> Response {
+    if !is_running {
+        return Json(found).into_response();
     }
+    let mut response = (StatusCode::ACCEPTED, Json(found)).into_response();
+    response
+        .headers_mut()
+        .insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+    response
 }

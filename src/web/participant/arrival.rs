@@ -11,7 +11,7 @@ use axum::{
 use super::{
     Looking, device, framed, language,
     pages::{Door, LandingPage, NotePage},
-    recruiting,
+    recruiting, trouble,
 };
 use crate::{
     chance::Chance,
@@ -36,9 +36,10 @@ pub(super) async fn arrive(
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let refusal = refusal(&store, &served, &headers);
     let language = language::choose(served.languages(), asked_for(&query), &headers);
-    let words = in_language(&served, language.as_deref()).words();
+    let shown = in_language(&served, language.as_deref());
+    let words = shown.words();
     let answer = match recruiting::read(&query, &served.recruiting().mturk) {
-        Err(refused) => Err(refused),
+        Err(refused) => Ok(trouble::bad_link(&refused, words)),
         Ok(arrival) if recruiting::is_look(&arrival) => {
             let page = look(&store, &served, language.as_deref(), refusal).await;
             page.map(IntoResponse::into_response)
@@ -57,7 +58,7 @@ pub(super) async fn arrive(
                 .or_else(|error| not_now(error, words))
         }
     };
-    Ok(framed(&served, answer))
+    Ok(framed(shown, answer))
 }
 
 /// Stores an arrival, and leads on.
@@ -125,11 +126,12 @@ pub(super) async fn landing(
     State(catalogue): State<Arc<Catalogue>>,
     Path((study, token)): Path<(StudyId, String)>,
     Query(query): Query<BTreeMap<String, String>>,
+    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let (_, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
-    let language = chosen(&served, &query);
-    let page = landed(&store, &served, &token, language).await;
-    Ok(framed(&served, page))
+    let page = landed(&store, &served, &token, chosen(&served, &query)).await;
+    let liked = language::choose(served.languages(), asked_for(&query), &headers);
+    Ok(framed(in_language(&served, liked.as_deref()), page))
 }
 
 async fn landed(
@@ -141,7 +143,7 @@ async fn landed(
     let token = read_token(token)?;
     let arrival = store.arrival(&token).await?;
     if arrival.study != *study.id() {
-        return Err(Error::NotFound("link"));
+        return Err(Error::NotFound(trouble::LINK));
     }
     let language = language.filter(|language| Some(language) != arrival.language.as_ref());
     let shown = language.clone().or(arrival.language);
@@ -163,9 +165,16 @@ pub(super) async fn start(
     Query(query): Query<BTreeMap<String, String>>,
     headers: HeaderMap,
 ) -> Result<Response, Error> {
-    let arrival = read_token(&token)?;
     let (version, served) = catalogue.current(&study).ok_or(Error::NotFound("study"))?;
     let language = chosen(&served, &query);
+    let liked = language::choose(served.languages(), asked_for(&query), &headers);
+    let arrival = match read_token(&token) {
+        Ok(arrival) => arrival,
+        Err(error) => {
+            let unread: Result<Response, Error> = Err(error);
+            return Ok(framed(in_language(&served, liked.as_deref()), unread));
+        }
+    };
     let run = NewRun {
         study: study.clone(),
         version,
@@ -176,14 +185,16 @@ pub(super) async fn start(
         factor: TimeFactor::ONE,
         population: settings.population,
         language: language.clone(),
-        is_preview: false,
     };
-    let led_on = match store.start(&arrival, run).await {
+    let led_on: Result<Response, Error> = match store.start(&arrival, run).await {
         Ok(started) => Ok(Redirect::to(&format!("/r/{}", started.link)).into_response()),
         Err(error) => {
             let arrival = store.arrival(&arrival).await.ok();
-            let language = language.or(arrival.and_then(|arrival| arrival.language));
-            not_now(error, in_language(&served, language.as_deref()).words())
+            let language = language
+                .or(arrival.and_then(|arrival| arrival.language))
+                .or(liked);
+            let shown = in_language(&served, language.as_deref());
+            return Ok(framed(shown, not_now(error, shown.words())));
         }
     };
     Ok(framed(&served, led_on))
@@ -240,5 +251,5 @@ fn refusal(store: &Store, study: &Study, headers: &HeaderMap) -> Option<NotAdmit
 
 /// A text that is no token opens nothing, just as an unknown one.
 pub(super) fn read_token(text: &str) -> Result<Token, Error> {
-    text.parse().map_err(|_| Error::NotFound("link"))
+    text.parse().map_err(|_| Error::NotFound(trouble::LINK))
 }

@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     store::{PaidChoice, RunView, Token},
-    study::{CompletionCode, Ending, LinkParameter, Step, StepPlan, Study, Timestamp},
+    study::{Bonus, CompletionCode, Ending, LinkParameter, Step, StepPlan, Study, Timestamp},
     web::{Error, headers::SubmitsTo},
 };
 
@@ -63,7 +63,10 @@ impl RunPages {
         } else {
             Outcome::AlreadyTaken
         };
-        let submits_to = outcome.submits_to();
+        let submits_to = outcome.is_submitted().then(|| {
+            let sites = study.recruiting().mturk.submitting_sites();
+            SubmitsTo(sites.into_iter().map(str::to_owned).collect())
+        });
         let page = ThanksPage {
             words: study.words(),
             token,
@@ -87,7 +90,7 @@ impl RunPages {
             }),
         };
         Ok(match submits_to {
-            Some(site) => (Extension(SubmitsTo(site)), page).into_response(),
+            Some(sites) => (Extension(sites), page).into_response(),
             None => page.into_response(),
         })
     }
@@ -129,7 +132,7 @@ impl RunPages {
         let choice = match &bonus.choice {
             Some(choice) => {
                 let plan = self.store.step(run.run, choice.position).await?;
-                paid_choice(study, &plan, choice)?
+                paid_choice(study, &plan, choice, terms)?
             }
             None => None,
         };
@@ -144,6 +147,7 @@ fn paid_choice(
     study: &Study,
     plan: &StepPlan,
     paid: &PaidChoice,
+    terms: &Bonus,
 ) -> Result<Option<PaidChoiceText>, Error> {
     let Step::Choice(question) = study.step(plan)? else {
         return Ok(None);
@@ -158,5 +162,8 @@ fn paid_choice(
         place: study.words().bonus_question(question.number, question.of),
         action,
         reward: study.reward_unit().format(paid.reward),
+        sum: study
+            .words()
+            .bonus_sum(terms, paid.reward, study.reward_unit()),
     }))
 }

@@ -4,7 +4,7 @@ use axum::http::{HeaderMap, header};
 
 /// The language that a person gets: that of the link if the study has it, else the one that their browser likes best
 /// among those of the study, else the study's first. None where the study has one alone, since nothing is chosen then.
-pub(super) fn choose(
+pub(in crate::web) fn choose(
     languages: &[String],
     link: Option<&str>,
     headers: &HeaderMap,
@@ -20,7 +20,7 @@ pub(super) fn choose(
 }
 
 /// The languages of `Accept-Language`, the most wanted first; those of the same quality in the header's order.
-pub(super) fn liked(headers: &HeaderMap) -> Vec<String> {
+pub(in crate::web) fn liked(headers: &HeaderMap) -> Vec<String> {
     let values = headers.get_all(header::ACCEPT_LANGUAGE).iter();
     let mut ranges: Vec<(f32, String)> = values
         .filter_map(|value| value.to_str().ok())

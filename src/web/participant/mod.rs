@@ -3,10 +3,11 @@
 mod arrival;
 mod device;
 mod ending;
-mod language;
+pub(super) mod language;
 mod pages;
 mod recruiting;
 mod run;
+mod trouble;
 mod withdrawal;
 
 use axum::{
@@ -17,6 +18,8 @@ use axum::{
     routing::{get, post},
 };
 
+use self::trouble::Spoken;
+pub(super) use self::trouble::tell;
 use super::{AppState, Error, headers::FramedBy};
 use crate::study::{Study, step::FormStep};
 
@@ -44,12 +47,18 @@ pub(super) fn router() -> Router<AppState> {
         )
 }
 
-/// What a study answers, which MTurk may show in its frame where the study says so. Errors too: what somebody in a frame is
-/// to read has to be seen there.
+/// What a study answers in the language of whoever asks, which MTurk may show in its frame where the study says so. Errors
+/// too: what somebody in a frame is to read has to be seen there, and to be understood.
 fn framed(study: &Study, answer: Result<impl IntoResponse, Error>) -> Response {
     let sites = study.recruiting().mturk.framing_sites();
-    let sites = sites.into_iter().map(str::to_owned).collect();
-    (Extension(FramedBy(sites)), answer).into_response()
+    let sites = FramedBy(sites.into_iter().map(str::to_owned).collect());
+    match answer {
+        Ok(page) => (Extension(sites), page).into_response(),
+        Err(error) => {
+            let words = Spoken(study.words().clone());
+            (Extension(sites), Extension(words), error).into_response()
+        }
+    }
 }
 
 /// A page that a person is about to look at. Whoever only probes (HEAD) or fetches ahead is sent away, because looking

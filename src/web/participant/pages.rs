@@ -11,7 +11,10 @@ use crate::{
     },
     web::assets,
 };
-use askama::Template;
+use askama::{
+    Template,
+    filters::{Html, escape},
+};
 use askama_web::WebTemplate;
 
 /// What every step's page needs to know of its run.
@@ -155,7 +158,7 @@ impl ConsentPage<'_> {
 pub(super) struct InfoPage<'a> {
     pub run: RunLink<'a>,
     pub text: InfoStep<'a>,
-    pub scene: Option<&'static str>,
+    pub scene: Option<String>,
 }
 
 #[derive(Template, WebTemplate)]
@@ -165,6 +168,7 @@ pub(super) struct ReplaysPage<'a> {
     pub text: ReplaysStep<'a>,
     /// In the order of this run.
     pub replays: Vec<ReplayView>,
+    pub scene: Option<String>,
     /// How long they last together: nobody goes on before.
     pub seconds: u64,
     pub errors: Vec<FieldError>,
@@ -176,6 +180,8 @@ pub(super) struct ReplayView {
     pub url: String,
     /// What happens in it, for a page without scripts and for the transcript.
     pub description: String,
+    /// The lines under the picture, as JSON.
+    pub captions: String,
 }
 
 #[derive(Template, WebTemplate)]
@@ -183,7 +189,7 @@ pub(super) struct ReplayView {
 pub(super) struct ChoicePage<'a> {
     pub run: RunLink<'a>,
     pub question: ChoiceStep<'a>,
-    pub scene: Option<&'static str>,
+    pub scene: Option<String>,
     pub clock: Option<PageClock>,
     pub errors: Vec<FieldError>,
 }
@@ -384,18 +390,11 @@ pub(super) enum Outcome {
 }
 
 impl Outcome {
-    /// The site that the page's form is sent to, if it has one.
-    pub(super) fn submits_to(&self) -> Option<String> {
+    /// Whether the page has a form that is sent to MTurk.
+    pub(super) fn is_submitted(&self) -> bool {
         match self {
-            Self::Finished {
-                way_back: Some(WayBack::Submit(submit)),
-                ..
-            } => Some(submit.site.clone()),
-            Self::Finished {
-                way_back: Some(WayBack::Link(_)) | None,
-                ..
-            }
-            | Self::AlreadyTaken => None,
+            Self::Finished { way_back, .. } => matches!(way_back, Some(WayBack::Submit(_))),
+            Self::AlreadyTaken => false,
         }
     }
 }
@@ -434,6 +433,8 @@ pub(super) struct PaidChoiceText {
     pub action: String,
     /// The reward that came out, with its unit.
     pub reward: String,
+    /// How the amount follows from it.
+    pub sum: String,
 }
 
 #[derive(Template, WebTemplate)]
@@ -453,7 +454,34 @@ pub(super) struct WithdrawPage {
     pub has_ended: bool,
 }
 
-/// A drawn scene, to stand inside the page.
-pub(super) fn scene(id: Option<&str>) -> Option<&'static str> {
-    assets::text(&format!("scenes/{}.svg", id?))
+/// A drawn scene, to stand inside the page, told in the page's language to whoever does not see it.
+pub(super) fn scene(id: Option<&str>, words: &Words) -> Option<String> {
+    let id = id?;
+    let drawing = assets::text(&format!("scenes/{id}.svg"))?;
+    let (title, description) = words.of_scene(id).unwrap_or_default();
+    let escaped = |text: &str| match escape(text, Html) {
+        Ok(text) => text.to_string(),
+        Err(never) => match never {},
+    };
+    let drawing = drawing.replace("{title}", &escaped(title));
+    Some(drawing.replace("{description}", &escaped(description)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scene_is_told_in_words() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/static/scenes");
+        for file in std::fs::read_dir(folder).unwrap() {
+            let path = file.unwrap().path();
+            let id = path.file_stem().unwrap().to_str().unwrap();
+            let words = Words::of_languages(["de"]);
+            let (title, description) = words.of_scene(id).expect(id);
+            let drawn = scene(Some(id), &words).expect(id);
+            assert!(drawn.contains(&format!(">{title}</title>")), "{id}");
+            assert!(drawn.contains(&format!(">{description}</desc>")), "{id}");
+        }
+    }
 }

@@ -4,8 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::{
     store::NewArrival,
-    study::{LinkParameter, Mturk},
-    web::Error,
+    study::{LinkParameter, Mturk, NotMturk, Words},
 };
 
 /// Platforms know ids of under 100 characters; whatever is longer was not made by one.
@@ -14,12 +13,37 @@ const LONGEST_VALUE: usize = 200;
 /// A label for tables by where people come from; it names nobody.
 const SOURCE: &str = "source";
 
+/// Why a link cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum BadLink {
+    /// A known parameter is too long or holds control characters.
+    Value(&'static str),
+    /// The platform left a placeholder in a parameter.
+    Placeholder(&'static str),
+    /// Two parameters name different people, for these platforms.
+    Persons(String, String),
+    /// Assignments are to be sent anywhere but to MTurk.
+    Site(NotMturk),
+}
+
+impl BadLink {
+    /// The same in words.
+    pub(super) fn text(&self, words: &Words) -> String {
+        match self {
+            Self::Value(name) => words.error_link_value(name, LONGEST_VALUE),
+            Self::Placeholder(name) => words.error_link_placeholder(name),
+            Self::Persons(one, other) => words.error_link_persons(one, other),
+            Self::Site(NotMturk { found, allowed }) => words.error_link_site(found, allowed),
+        }
+    }
+}
+
 /// Reads a link's query. Unknown parameters are left alone, since platforms and mail programs add their own.
 ///
 /// # Errors
 /// When a known parameter is longer than 200 characters or holds control characters; when
 /// two parameters name the person; when assignments are to be sent anywhere but to MTurk.
-pub(super) fn read(query: &BTreeMap<String, String>, mturk: &Mturk) -> Result<NewArrival, Error> {
+pub(super) fn read(query: &BTreeMap<String, String>, mturk: &Mturk) -> Result<NewArrival, BadLink> {
     let mut arrival = NewArrival {
         source: value(query, SOURCE)?.map(str::to_owned),
         ..NewArrival::default()
@@ -32,9 +56,7 @@ pub(super) fn read(query: &BTreeMap<String, String>, mturk: &Mturk) -> Result<Ne
             name_person(&mut arrival, platform, value)?;
         }
         let kept = match parameter {
-            LinkParameter::MturkSubmitTo => mturk
-                .taking_site(value)
-                .map_err(|refused| Error::BadRequest(refused.to_string()))?,
+            LinkParameter::MturkSubmitTo => mturk.taking_site(value).map_err(BadLink::Site)?,
             LinkParameter::ProlificPid
             | LinkParameter::ProlificStudy
             | LinkParameter::ProlificSession
@@ -59,32 +81,29 @@ pub(super) fn is_look(arrival: &NewArrival) -> bool {
 }
 
 /// A parameter's value. Platforms leave parameters empty that they do not know, for example in a preview.
-fn value<'a>(query: &'a BTreeMap<String, String>, name: &str) -> Result<Option<&'a str>, Error> {
+fn value<'a>(
+    query: &'a BTreeMap<String, String>,
+    name: &'static str,
+) -> Result<Option<&'a str>, BadLink> {
     let value = query.get(name).map(|value| value.trim());
     let Some(value) = value.filter(|value| !value.is_empty()) else {
         return Ok(None);
     };
     if value.chars().count() > LONGEST_VALUE || value.chars().any(char::is_control) {
-        return Err(Error::BadRequest(format!(
-            "the link's parameter {name} must hold at most {LONGEST_VALUE} printable characters"
-        )));
+        return Err(BadLink::Value(name));
     }
     if value.contains("{{") {
-        return Err(Error::BadRequest(format!(
-            "the link's parameter {name} holds a placeholder that the recruiting platform should have filled in; please tell the \
-             people who run the study"
-        )));
+        return Err(BadLink::Placeholder(name));
     }
     Ok(Some(value))
 }
 
-fn name_person(arrival: &mut NewArrival, platform: &str, value: &str) -> Result<(), Error> {
+fn name_person(arrival: &mut NewArrival, platform: &str, value: &str) -> Result<(), BadLink> {
     let person = (platform.to_owned(), value.to_owned());
     match &arrival.person {
-        Some(named) if *named != person => Err(Error::BadRequest(format!(
-            "the link names the person twice, for {} and for {platform}",
-            named.0
-        ))),
+        Some(named) if *named != person => {
+            Err(BadLink::Persons(named.0.clone(), platform.to_owned()))
+        }
         Some(_) | None => {
             arrival.person = Some(person);
             Ok(())
@@ -96,7 +115,7 @@ fn name_person(arrival: &mut NewArrival, platform: &str, value: &str) -> Result<
 mod tests {
     use super::*;
 
-    fn link(query: &[(&str, &str)]) -> Result<NewArrival, Error> {
+    fn link(query: &[(&str, &str)]) -> Result<NewArrival, BadLink> {
         let owned = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
         read(&query.iter().map(owned).collect(), &Mturk::default())
     }
@@ -136,8 +155,8 @@ mod tests {
             [("PROLIFIC_PID", "5f3"), ("pid", "anna")],
             [("survey_code", "1"), ("id", "2")],
         ] {
-            let refused = link(&query).unwrap_err().to_string();
-            assert!(refused.contains("names the person twice"), "{refused}");
+            let refused = link(&query).unwrap_err();
+            assert!(matches!(refused, BadLink::Persons(..)), "{refused:?}");
         }
     }
 

@@ -19,14 +19,12 @@ use super::{
         ChoicePage, ConsentPage, FormPage, InfoPage, NotePage, PageClock, Rejected, ReplayView,
         ReplaysPage, RunLink, scene,
     },
-    withdrawal::{gone, withdrawn},
+    withdrawal::withdrawn,
 };
 use crate::{
     chance::Chance,
     jobs::Catalogue,
-    store::{
-        self, Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict,
-    },
+    store::{Population, Receipt, RunState, RunView, StepView, Store, Submission, Token, Verdict},
     study::{
         Ending, Step, Study, Words,
         step::{ClientTiming, FieldError, Fields, ReplaysStep},
@@ -39,13 +37,9 @@ pub(super) async fn current(
     _: Looking,
     State(pages): State<RunPages>,
     Path(token): Path<String>,
-    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = match pages.store.visit(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
-        found => found?,
-    };
+    let run = pages.store.visit(&token).await?;
     let study = pages.study(&run)?;
     let study = in_language(&study, run.language.as_deref());
     let page = pages.page(&token, &run, study, Rejected::default()).await;
@@ -60,14 +54,16 @@ pub(super) async fn answer(
     form: Result<Form<Fields>, FormRejection>,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let Form(fields) = form.map_err(unreadable)?;
     let run = pages.store.run(&token).await?;
     if matches!(run.state, RunState::Withdrawn | RunState::TimedOut) {
         return Ok(led_on(&headers, &token, StatusCode::CONFLICT, None));
     }
     let study = pages.study(&run)?;
     let study = in_language(&study, run.language.as_deref());
-    let answer = pages.take(&token, &run, study, &headers, fields).await;
+    let answer = match form {
+        Ok(Form(fields)) => pages.take(&token, &run, study, &headers, fields).await,
+        Err(rejection) => Err(unreadable(rejection)),
+    };
     Ok(framed(study, answer))
 }
 
@@ -268,14 +264,19 @@ impl RunPages {
         Ok(lasts_ms)
     }
 
-    async fn replay_views(&self, step: &ReplaysStep<'_>) -> Result<Vec<ReplayView>, Error> {
+    async fn replay_views(
+        &self,
+        step: &ReplaysStep<'_>,
+        words: &Words,
+    ) -> Result<Vec<ReplayView>, Error> {
         let mut views = Vec::with_capacity(step.replays.len());
         for named in &step.replays {
             let played = self.replays.played(&named.id).await?;
             views.push(ReplayView {
                 id: named.id.clone(),
                 url: replays::url(&named.id),
-                description: played.description.clone(),
+                description: played.description(words),
+                captions: played.captions(words),
             });
         }
         Ok(views)
@@ -320,13 +321,14 @@ impl RunPages {
             .into_response()),
             (RunState::Active, Step::Info(text)) => Ok(InfoPage {
                 run: self.link(token, run, shown, words),
-                scene: scene(text.scene),
+                scene: scene(text.scene, words),
                 text,
             }
             .into_response()),
             (RunState::Active, Step::Replays(text)) => Ok(ReplaysPage {
                 run: self.link(token, run, shown, words),
-                replays: self.replay_views(&text).await?,
+                scene: scene(Some("table"), words),
+                replays: self.replay_views(&text, words).await?,
                 seconds: self.lasts_ms(&text).await?.div_ceil(1000),
                 text,
                 errors: rejected.errors,
@@ -334,7 +336,7 @@ impl RunPages {
             .into_response()),
             (RunState::Active, Step::Choice(question)) => Ok(ChoicePage {
                 run: self.link(token, run, shown, words),
-                scene: scene(question.scene),
+                scene: scene(question.scene, words),
                 clock: PageClock::of(shown, self.store.clock().now()),
                 question,
                 errors: rejected.errors,
@@ -342,9 +344,28 @@ impl RunPages {
             .into_response()),
             (RunState::Active, Step::Form(text)) => {
                 let link = self.link(token, run, shown, words);
+                let rejected = self.answered_before(run, shown, rejected).await?;
                 Ok(FormPage::new(link, text, shown.attempts, &rejected).into_response())
             }
         }
+    }
+
+    /// A form that was not sent back just now holds what a wrong attempt answered, so that nobody has to begin anew. Which
+    /// answer was wrong is not told: it could be guessed by trying then.
+    async fn answered_before(
+        &self,
+        run: &RunView,
+        shown: &StepView,
+        rejected: Rejected,
+    ) -> Result<Rejected, Error> {
+        if shown.attempts == 0 || !rejected.errors.is_empty() {
+            return Ok(rejected);
+        }
+        let reply = self.store.last_wrong(run.run, shown.position).await?;
+        Ok(Rejected {
+            fields: reply.map(|reply| reply.fields()).unwrap_or_default(),
+            ..rejected
+        })
     }
 
     /// What a form needs to know of its run, with a new idempotency key.

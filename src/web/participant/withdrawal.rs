@@ -4,18 +4,17 @@ use std::sync::Arc;
 
 use axum::{
     extract::{Path, State},
-    http::{HeaderMap, StatusCode},
     response::{IntoResponse, Redirect, Response},
 };
 
 use super::{
     arrival::{in_language, read_token},
-    framed, language,
+    framed,
     pages::{NotePage, WithdrawPage},
 };
 use crate::{
     jobs::Catalogue,
-    store::{self, RunState, Store},
+    store::{RunState, Store},
     study::Words,
     web::Error,
 };
@@ -25,19 +24,15 @@ pub(super) async fn ask(
     State(store): State<Store>,
     State(catalogue): State<Arc<Catalogue>>,
     Path(token): Path<String>,
-    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
-        found => found?,
-    };
+    let run = store.run(&token).await?;
     let study = catalogue.version(run.version);
     let study = study.ok_or(Error::NotFound("study"))?;
     let study = in_language(&study, run.language.as_deref());
     let words = study.words().clone();
     let page = match (run.is_owner, run.state) {
-        (false, _) => Err(not_the_owner()),
+        (false, _) => Err(Error::NotTheOwner),
         (true, RunState::Withdrawn) => Ok(withdrawn(&words).into_response()),
         (true, RunState::Active) => Ok(WithdrawPage {
             words,
@@ -65,19 +60,20 @@ pub(super) async fn ask(
 /// POST `/r/TOKEN/withdraw`: erases the run.
 pub(super) async fn withdraw(
     State(store): State<Store>,
+    State(catalogue): State<Arc<Catalogue>>,
     Path(token): Path<String>,
-    headers: HeaderMap,
 ) -> Result<Response, Error> {
     let token = read_token(&token)?;
-    let run = match store.run(&token).await {
-        Err(store::Error::NotFound("run")) => return Ok(gone(&headers)),
-        found => found?,
+    let run = store.run(&token).await?;
+    let study = catalogue.version(run.version);
+    let study = study.ok_or(Error::NotFound("study"))?;
+    let answer = if run.is_owner {
+        let withdrawn = store.withdraw(&token).await.map_err(Error::from);
+        withdrawn.map(|_| Redirect::to(&format!("/r/{token}")))
+    } else {
+        Err(Error::NotTheOwner)
     };
-    if !run.is_owner {
-        return Err(not_the_owner());
-    }
-    store.withdraw(&token).await?;
-    Ok(Redirect::to(&format!("/r/{token}")).into_response())
+    Ok(framed(in_language(&study, run.language.as_deref()), answer))
 }
 
 /// What is left to show of an erased run.
@@ -87,20 +83,4 @@ pub(super) fn withdrawn(words: &Words) -> NotePage {
         title: words.withdrawn_title.clone(),
         text_html: Words::to_html(&words.withdrawn_text),
     }
-}
-
-/// What an unknown link is told, because it may have been a good one once. Which study it was of nobody knows any more.
-pub(super) fn gone(headers: &HeaderMap) -> Response {
-    let liked = language::liked(headers);
-    let words = Words::of_languages(liked.iter().map(String::as_str));
-    let page = NotePage {
-        text_html: Words::to_html(&words.gone_text),
-        title: words.gone_title,
-        language: words.language,
-    };
-    (StatusCode::NOT_FOUND, page).into_response()
-}
-
-fn not_the_owner() -> Error {
-    Error::Forbidden("withdrawing needs the link with which this study was started".to_owned())
 }

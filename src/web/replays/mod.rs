@@ -1,4 +1,5 @@
-//! Replays over HTTP: what the engine computed, with words beside it, as one document for the page that plays it.
+//! Replays over HTTP: what the engine computed, as one document for the page that plays it, and the words that the page has
+//! beside it in its own language.
 
 mod words;
 
@@ -22,11 +23,10 @@ use crate::{
     jobs::Catalogue,
     planning::table::{
         BOTTOM_RADIUS, CUP_HEIGHT, FRAME_MS, MOUTH_RADIUS, PROJECTION, Projection, Replay,
-        ReplayError, SHOULDER, Tracks,
+        ReplayError, SHOULDER, Timeline, Tracks,
     },
-    study::{ReplayId, Study},
+    study::{ReplayId, Study, Words},
 };
-use words::Caption;
 
 pub(super) fn router() -> Router<AppState> {
     Router::new().route("/replays/{id}", get(document))
@@ -42,9 +42,21 @@ pub(super) fn url(id: &ReplayId) -> String {
 pub(super) struct Played {
     /// How long it lasts, in milliseconds.
     pub(super) duration_ms: u64,
-    /// What happens in it, in words.
-    pub(super) description: String,
+    timeline: Timeline,
     json: Bytes,
+}
+
+impl Played {
+    /// What happens in it, for whoever does not see it.
+    pub(super) fn description(&self, words: &Words) -> String {
+        words::description(&self.timeline, words)
+    }
+
+    /// The lines under its picture, as JSON.
+    pub(super) fn captions(&self, words: &Words) -> String {
+        // Numbers and texts: nothing that JSON could refuse.
+        serde_json::to_string(&words::captions(&self.timeline, words)).expect("plain values")
+    }
 }
 
 /// The replays that served studies show, and no others: each is computed once, when it is first needed.
@@ -143,7 +155,7 @@ async fn document(
 
 /// What a page plays: places in whole millimetres, turns in tenths of a degree.
 #[derive(Serialize)]
-struct Document<'a> {
+struct Document {
     #[serde(flatten)]
     replay: Replay,
     duration_ms: u32,
@@ -152,9 +164,7 @@ struct Document<'a> {
     arm: Arm,
     cup: Cup,
     tracks: Tracks,
-    captions: Vec<Caption>,
     still_ms: Vec<u32>,
-    description: &'a str,
 }
 
 #[derive(Serialize)]
@@ -173,7 +183,6 @@ struct Cup {
 impl Played {
     fn of(replay: Replay) -> Result<Self, ReplayError> {
         let timeline = replay.timeline()?;
-        let description = words::description(&timeline);
         let document = Document {
             replay,
             duration_ms: timeline.duration_ms(),
@@ -188,16 +197,14 @@ impl Played {
                 bottom_radius: millimetres(BOTTOM_RADIUS),
             },
             tracks: timeline.tracks(),
-            captions: words::captions(&timeline),
             still_ms: words::stills(&timeline),
-            description: &description,
         };
         // Numbers and texts: nothing that JSON could refuse.
         let json = serde_json::to_vec(&document).expect("a document of plain values");
         Ok(Self {
             duration_ms: timeline.duration_ms().into(),
             json: json.into(),
-            description,
+            timeline,
         })
     }
 }

@@ -2,7 +2,10 @@
 
 use serde::Serialize;
 
-use crate::planning::table::{By, CUPS, CupId, Event, Timeline, Tower, TowerState};
+use crate::{
+    planning::table::{By, CUPS, CupId, Event, Timeline, Tower, TowerState},
+    study::Words,
+};
 
 /// A line under the picture, which stands until the next one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -12,14 +15,14 @@ pub(super) struct Caption {
 }
 
 /// The captions, in the order of their times. The first one stands from the start.
-pub(super) fn captions(timeline: &Timeline) -> Vec<Caption> {
-    let begin = format!(
-        "Five cups on the table. Person and arm will build the {} tower.",
-        timeline.replay.tower.as_str()
-    );
+pub(super) fn captions(timeline: &Timeline, words: &Words) -> Vec<Caption> {
+    let begin = match timeline.replay.tower {
+        Tower::Stable => &words.replay_begin_stable,
+        Tower::Unstable => &words.replay_begin_unstable,
+    };
     let mut captions = vec![Caption {
         at_ms: 0,
-        text: begin,
+        text: begin.clone(),
     }];
     let mut placed = 0;
     for happened in &timeline.events {
@@ -27,7 +30,11 @@ pub(super) fn captions(timeline: &Timeline) -> Vec<Caption> {
             // Setting down is followed at once by reaching for the next cup; the person's reaching is what tells
             // which tower it will be, and only the first one is worth a line.
             Event::ReachesFor { by: By::Hand, cup } if placed == 0 => {
-                format!("The person reaches for {}.", cup_in_words(cup))
+                if cup == CupId::ORANGE {
+                    words.replay_reaches_orange.clone()
+                } else {
+                    words.replay_reaches_cup.clone()
+                }
             }
             Event::ReachesFor { .. }
             | Event::Grasps { .. }
@@ -35,14 +42,10 @@ pub(super) fn captions(timeline: &Timeline) -> Vec<Caption> {
             | Event::AtRest => continue,
             Event::Placed { by, cup, .. } => {
                 placed += 1;
-                format!(
-                    "{} puts down {}: {placed} of {CUPS}.",
-                    capitalised(who(by)),
-                    cup_in_words(cup)
-                )
+                capitalised(&words.replay_puts(who(by, words), what(cup, words), placed, CUPS))
             }
-            Event::TowerStands => "The tower stands.".to_owned(),
-            Event::TowerFalls => "The tower falls.".to_owned(),
+            Event::TowerStands => words.replay_stands.clone(),
+            Event::TowerFalls => words.replay_falls.clone(),
         };
         match captions.last_mut() {
             // The last cup and the tower that stands: the second line would hide the first.
@@ -90,7 +93,7 @@ const LEAST_STILL_MS: u32 = 200;
 const FALLING_MS: u32 = 300;
 
 /// The whole replay as a text, for whoever does not see it.
-pub(super) fn description(timeline: &Timeline) -> String {
+pub(super) fn description(timeline: &Timeline, words: &Words) -> String {
     let mut placed = timeline
         .events
         .iter()
@@ -104,50 +107,47 @@ pub(super) fn description(timeline: &Timeline) -> String {
             | Event::AtRest => None,
         });
     let tower = match timeline.replay.tower {
-        Tower::Stable => "the stable tower, three cups below and two on top",
-        Tower::Unstable => "the unstable tower, a column of five cups",
+        Tower::Stable => &words.replay_builds_stable,
+        Tower::Unstable => &words.replay_builds_unstable,
     };
-    let first = placed.next().map_or_else(String::new, |(by, cup)| {
-        format!(" First {} puts down {}.", who(by), cup_in_words(cup))
-    });
+    let first = placed
+        .next()
+        .map(|(by, cup)| words.replay_first(who(by, words), what(cup, words)));
     let then: Vec<String> = placed
         .map(|(by, cup)| {
             if cup == CupId::ORANGE {
-                format!("{} (the orange cup)", who(by))
+                words.replay_with_orange(who(by, words))
             } else {
-                who(by).to_owned()
+                who(by, words).to_owned()
             }
         })
         .collect();
     let end = match timeline.tower {
-        TowerState::Standing => "All five cups are in place, and the tower stands.".to_owned(),
-        TowerState::Fallen { in_slots } => {
-            let left = match in_slots {
-                0 => "no cup stays in its place".to_owned(),
-                1 => "one cup stays in its place".to_owned(),
-                some => format!("{some} cups stay in their places"),
-            };
-            format!("All five cups are in place, then the tower falls; {left}.")
-        }
+        TowerState::Standing => words.replay_end_stands.clone(),
+        TowerState::Fallen { in_slots } => words.replay_end_fallen(in_slots),
     };
-    format!(
-        "Person and robot arm build {tower}.{first} Then come, one cup each: {}. {end}",
-        then.join(", ")
-    )
+    let sentences = [
+        Some(tower.clone()),
+        first,
+        Some(words.replay_then(&then.join(", "))),
+        Some(end),
+    ];
+    let sentences: Vec<String> = sentences.into_iter().flatten().collect();
+    sentences.join(" ")
 }
 
-fn who(by: By) -> &'static str {
+fn who(by: By, words: &Words) -> &str {
     match by {
-        By::Hand => "the person",
-        By::Gripper => "the arm",
+        By::Hand => &words.replay_person,
+        By::Gripper => &words.replay_arm,
     }
 }
 
-fn cup_in_words(cup: CupId) -> &'static str {
+fn what(cup: CupId, words: &Words) -> &str {
     if cup == CupId::ORANGE {
-        "the orange cup"
+        &words.replay_orange
     } else {
-        "a cup"
+        &words.replay_cup
     }
 }
 
@@ -179,7 +179,7 @@ mod tests {
             (Tower::Unstable, Outcome::Falls, "The tower falls."),
         ] {
             let timeline = timeline(tower, outcome);
-            let captions = captions(&timeline);
+            let captions = captions(&timeline, &Words::english());
             assert_eq!(captions[0].at_ms, 0);
             assert!(captions.is_sorted_by(|one, next| one.at_ms < next.at_ms));
             for n in 1..=5 {
@@ -192,9 +192,12 @@ mod tests {
 
     #[test]
     fn the_first_cup_tells_the_tower() {
-        let stable = captions(&timeline(Tower::Stable, Outcome::Stands));
+        let stable = captions(&timeline(Tower::Stable, Outcome::Stands), &Words::english());
         assert_eq!(stable[1].text, "The person reaches for the orange cup.");
-        let unstable = captions(&timeline(Tower::Unstable, Outcome::Stands));
+        let unstable = captions(
+            &timeline(Tower::Unstable, Outcome::Stands),
+            &Words::english(),
+        );
         assert_eq!(unstable[1].text, "The person reaches for a cup.");
     }
 
@@ -212,15 +215,39 @@ mod tests {
 
     #[test]
     fn the_text_tells_the_outcome_and_who_did_what() {
-        let stands = description(&timeline(Tower::Stable, Outcome::Stands));
+        let stands = description(&timeline(Tower::Stable, Outcome::Stands), &Words::english());
         assert!(
             stands.contains("First the person puts down the orange cup."),
             "{stands}"
         );
         assert!(stands.ends_with("and the tower stands."), "{stands}");
         assert!(!stands.contains("falls"), "{stands}");
-        let falls = description(&timeline(Tower::Unstable, Outcome::Falls));
+        let falls = description(
+            &timeline(Tower::Unstable, Outcome::Falls),
+            &Words::english(),
+        );
         assert!(falls.contains("then the tower falls;"), "{falls}");
         assert_eq!(falls.matches("(the orange cup)").count(), 1, "{falls}");
+    }
+
+    #[test]
+    fn german_words_tell_the_same() {
+        let german = Words::of_languages(["de"]);
+        let stable = timeline(Tower::Stable, Outcome::Stands);
+        let english = captions(&stable, &Words::english());
+        let told = captions(&stable, &german);
+        let times = |captions: &[Caption]| -> Vec<u32> {
+            captions.iter().map(|caption| caption.at_ms).collect()
+        };
+        assert_eq!(times(&told), times(&english));
+        assert_eq!(
+            told[1].text,
+            "Der Mensch greift nach dem orangefarbenen Becher."
+        );
+        let text = description(&stable, &german);
+        let first = "Zuerst stellt der Mensch den orangefarbenen Becher ab.";
+        assert!(text.contains(first), "{text}");
+        assert!(text.ends_with("und der Turm steht."), "{text}");
+        assert!(!text.contains("the "), "{text}");
     }
 }

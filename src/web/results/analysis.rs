@@ -115,7 +115,8 @@ pub async fn analysis_json(
     if let Some(blind) = snapshot.blind() {
         return Err(Error::Blind(blind));
     }
-    let (version, _) = catalogue.current(study).ok_or(Error::NotFound("study"))?;
+    let (current, _) = catalogue.current(study).ok_or(Error::NotFound("study"))?;
+    let version = store.study_version(current).await?;
     let (frozen, left_out) = snapshot.final_alone();
     let mut fits = Vec::new();
     for part in &frozen.fits {
@@ -145,7 +146,7 @@ pub async fn analysis_json(
         study: StudyVersion {
             id: study.id().as_str(),
             title: study.title(),
-            version: version.get(),
+            version: version.number.get(),
             hash: study.hash(),
         },
         program_version: env!("CARGO_PKG_VERSION"),
@@ -205,7 +206,7 @@ async fn frozen_fit<'a>(store: &Store, part: &'a PartFit) -> Result<Option<Froze
         seed: fit.seed,
         input_hash: &fit.input_hash,
         data_version: fit.data_version,
-        study_version: fit.version.get(),
+        study_version: fit.version_number.get(),
         program_version: &fit.program_version,
         draws_sha256: data_encoding::HEXLOWER.encode(&Sha256::digest(&draws)),
         problems: &report.problems,

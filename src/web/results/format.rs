@@ -33,7 +33,7 @@ pub(in crate::web) fn decimal(value: Option<f64>, digits: usize) -> String {
 }
 
 /// A number with three significant digits, for what may be 0.01 as well as 100.
-pub(super) fn significant(value: f64) -> String {
+pub(in crate::web) fn significant(value: f64) -> String {
     let size = value.abs();
     if size != 0.0 && !(1e-4..1e6).contains(&size) {
         return format!("{value:.1e}").replace('-', "\u{2212}");
@@ -70,7 +70,7 @@ pub(super) fn interval(low: Option<f64>, high: Option<f64>, digits: usize) -> St
 }
 
 /// `−5.70 ± 3.30`.
-pub(super) fn mean_sd(mean: Option<f64>, sd: Option<f64>, digits: usize) -> String {
+pub(in crate::web) fn mean_sd(mean: Option<f64>, sd: Option<f64>, digits: usize) -> String {
     match (mean, sd) {
         (Some(_), Some(_)) => format!("{} ± {}", decimal(mean, digits), decimal(sd, digits)),
         (None, Some(_) | None) | (Some(_), None) => NONE.to_owned(),

@@ -13,6 +13,7 @@ mod page_tables;
 mod predictive;
 mod reading;
 mod report;
+mod sources;
 mod summary;
 mod sweep;
 mod sweep_page;
@@ -39,13 +40,16 @@ pub(super) use self::{
     accuracy::Accuracy,
     curves::Curves,
     evidence::{Comparison, Sequential},
-    format::{count, decimal, percent, percents, rfc3339},
+    format::{count, decimal, mean_sd, percent, percents, rfc3339, significant},
+    reading::{contraction, estimate, range, ratio, symbol},
+    sources::{SourceChoices, SourceFitting, Sources},
     summary::{FitRow, Summary},
     sweep::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
+    table::{Align, Cell, Table},
 };
 use super::{
     ApiError, AppState, Error, Settings,
-    access::{Caller, ClientAddress, Need, Reader},
+    access::{Caller, ClientAddress, Need, Reader, Standing},
     accounts::Bar,
     api::Query as JsonQuery,
     events,
@@ -302,12 +306,13 @@ async fn stream(
     reader: Reader,
     State(stop): State<CancellationToken>,
     Extension(client): Extension<ClientAddress>,
+    Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
     Ok(events::stream(
         (store, &catalogue, settings.population),
         study,
-        (&reader, client),
+        (&reader, client, standing),
         stop,
     )
     .await?

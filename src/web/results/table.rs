@@ -5,20 +5,20 @@ use serde::{Serialize, Serializer, ser::SerializeStruct};
 
 /// One table.
 #[derive(Debug, Default, Serialize)]
-pub(super) struct Table {
+pub(in crate::web) struct Table {
     pub columns: Vec<Column>,
     pub rows: Vec<Vec<Cell>>,
 }
 
 #[derive(Debug)]
-pub(super) struct Column {
+pub(in crate::web) struct Column {
     pub label: &'static str,
     pub align: Align,
 }
 
 /// How a column is set.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Align {
+pub(in crate::web) enum Align {
     Words,
     Numbers,
     /// Long texts that may take several lines.
@@ -27,7 +27,7 @@ pub(super) enum Align {
 
 #[derive(Debug, Serialize)]
 #[serde(untagged)]
-pub(super) enum Cell {
+pub(in crate::web) enum Cell {
     Text(String),
     /// A state, marked by colour and shape as well as by its word.
     State {
@@ -39,7 +39,7 @@ pub(super) enum Cell {
 }
 
 impl Table {
-    pub(super) fn new(columns: &[(&'static str, Align)]) -> Self {
+    pub(in crate::web) fn new(columns: &[(&'static str, Align)]) -> Self {
         Self {
             columns: columns
                 .iter()
@@ -49,12 +49,12 @@ impl Table {
         }
     }
 
-    pub(super) fn row(&mut self, cells: impl IntoIterator<Item = impl Into<Cell>>) {
+    pub(in crate::web) fn row(&mut self, cells: impl IntoIterator<Item = impl Into<Cell>>) {
         self.rows.push(cells.into_iter().map(Into::into).collect());
     }
 
     /// The class of the column with this number, as the style sheet names it.
-    pub(super) fn class(&self, index: &usize) -> &'static str {
+    pub(in crate::web) fn class(&self, index: &usize) -> &'static str {
         match self.columns.get(*index).map(|column| column.align) {
             Some(Align::Numbers) => "numeric",
             Some(Align::Prose) => "wraps",

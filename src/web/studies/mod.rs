@@ -9,6 +9,7 @@ mod overview;
 mod participants;
 mod preview;
 mod progress;
+mod source_tables;
 mod sources;
 mod state;
 mod words;
@@ -49,6 +50,7 @@ pub(super) fn router() -> Router<AppState> {
         .route("/studies/{study}/links", get(links::show))
         .route("/studies/{study}/data", get(data::show))
         .route("/studies/{study}/sources", get(sources::show))
+        .route("/studies/{study}/data/sources.html", get(sources::part))
         .route("/studies/{study}/preview", get(preview::show))
         .route("/studies/{study}/preview/start", post(preview::start))
 }

@@ -65,7 +65,7 @@ struct Line {
     condition: String,
     source: String,
     started: String,
-    started_at: String,
+    started_at: Option<String>,
     duration: String,
     answered: String,
     flags: Vec<&'static str>,
@@ -197,15 +197,17 @@ impl ParticipantsQuery {
 impl Line {
     fn new(row: WatchedParticipant, now_ms: i64) -> Self {
         let end_ms = match row.state {
-            RunState::Active => now_ms,
+            RunState::Active => Some(now_ms),
             RunState::Completed
             | RunState::Declined
             | RunState::ScreenedOut
             | RunState::FailedCheck
             | RunState::TimedOut
-            | RunState::Withdrawn => row.finished_at.map_or(row.started_at.0, |at| at.0),
+            | RunState::Withdrawn => row.finished_at.map(|at| at.0),
         };
-        let took = words::duration((end_ms - row.started_at.0).max(0).unsigned_abs());
+        let took_ms = end_ms
+            .zip(row.started_at)
+            .map(|(end_ms, start)| (end_ms - start.0).max(0).unsigned_abs());
         let is_withdrawn = row.state == RunState::Withdrawn;
         Self {
             run: row.run.get(),
@@ -214,13 +216,11 @@ impl Line {
                 .condition
                 .map_or_else(|| words::NONE.to_owned(), |condition| condition.to_string()),
             source: row.source.unwrap_or_else(|| words::NONE.to_owned()),
-            started: words::moment(row.started_at),
-            started_at: rfc3339(row.started_at),
-            duration: if is_withdrawn {
-                words::NONE.to_owned()
-            } else {
-                took
-            },
+            started: row
+                .started_at
+                .map_or_else(|| words::NONE.to_owned(), words::moment),
+            started_at: row.started_at.map(rfc3339),
+            duration: words::duration_or_none(took_ms.filter(|_| !is_withdrawn)),
             answered: if is_withdrawn {
                 "erased".to_owned()
             } else {

@@ -100,7 +100,6 @@ pub(super) async fn start(
         factor: TimeFactor::ONE,
         population: settings.population,
         language: None,
-        is_preview: true,
     };
     let started = store.start(&token, run).await?;
     let recorded = Recorded {

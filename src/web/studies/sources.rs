@@ -1,10 +1,14 @@
-//! What people chose, by where they came from.
+//! What people chose, and how the models fit them, by where they came from.
 
-use std::collections::BTreeSet;
+use std::{sync::Arc, time::Duration};
 
 use askama::Template;
 use askama_web::WebTemplate;
-use axum::{Extension, extract::Path};
+use axum::{
+    Extension,
+    extract::{Path, Query, State, rejection::QueryRejection},
+};
+use serde::Deserialize;
 
 use super::{
     super::{
@@ -12,109 +16,130 @@ use super::{
         access::Caller,
         accounts::Who,
         assets,
-        results::{count, decimal, percent, percents, shown},
+        results::{Cell, SourceFitting, Sources, Table, coarse_plan, count, shown},
     },
     Head, Parts,
+    source_tables::{self as tables, SourceTables},
 };
 use crate::{
-    inference::{comparison, wilson_interval},
-    store::{AskedProblem, SourceCount},
-    study::{Cell, StudyId},
+    jobs::{Snapshot, SourceFits},
+    study::{PlanId, StudyId},
 };
+
+/// How long a page waits for fits before it says that they are under way. Few sources take a fraction of a second.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 #[derive(Template, WebTemplate)]
 #[template(path = "studies/sources.html")]
 pub(super) struct SourcesPage {
     head: Head,
-    rows: Vec<Row>,
+    plan: String,
+    /// The other ways in which the choices can be fitted: id and text.
+    plans: Vec<(String, String)>,
+    fitted: SourcesPart,
 }
 
-/// The answers of people from one source to one cell.
-struct Row {
-    cell: String,
-    source: String,
-    n: String,
-    /// What is counted: the cell's first action.
-    action: String,
-    chosen: String,
-    share: String,
-    interval: String,
-    /// The exact test against one half, where the cell has two actions: p, and p by Holm's correction over all rows.
-    p: [String; 2],
+/// The part of the page that changes with every answer.
+#[derive(Template, WebTemplate)]
+#[template(path = "studies/source_fits.html")]
+pub(super) struct SourcesPart {
+    plan_label: String,
+    fitting: Fitting,
+    sources: Table,
+    choices: Table,
+}
+
+/// What is said of the fits.
+enum Fitting {
+    /// Why there is nothing.
+    Nothing(&'static str),
+    /// How far they are.
+    Running(String),
+    Ready(Box<SourceTables>),
+}
+
+/// Which plan is asked for.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PlanQuery {
+    plan: Option<PlanId>,
 }
 
 /// GET `/studies/STUDY/sources`.
 pub(super) async fn show(
     (store, catalogue, settings): Parts,
+    fits: State<Arc<SourceFits>>,
     Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
+    query: Result<Query<PlanQuery>, QueryRejection>,
 ) -> Result<SourcesPage, Error> {
     let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let sources = read(&store, &fits, &snapshot, query).await?;
     let served = &snapshot.study;
-    let counts = store
-        .choices_by_source(&study, settings.population, snapshot.analysis_set())
-        .await?;
+    let plans = served.plans().iter();
     Ok(SourcesPage {
-        rows: rows(served.cells(), &counts),
+        plans: plans
+            .filter(|plan| plan.id != *sources.plan)
+            .map(|plan| (plan.id.to_string(), plan.label.clone()))
+            .collect(),
+        plan: sources.plan.clone(),
+        fitted: SourcesPart::new(&sources),
         head: Head::new(&store, &settings, &caller, served, "/sources").await?,
     })
 }
 
-/// The cells in file order, each with its sources in alphabetical order. Answers to problems that the study no longer
-/// asks stay out.
-fn rows(cells: &[Cell], counts: &[SourceCount]) -> Vec<Row> {
-    let sources: BTreeSet<Option<&str>> =
-        counts.iter().map(|count| count.source.as_deref()).collect();
-    let mut rows = Vec::new();
-    let mut tests = Vec::new();
-    for cell in cells {
-        let Some(first) = cell.actions.first() else {
-            continue;
-        };
-        let asked = AskedProblem::new(cell.id.to_string(), cell.problem.as_ref());
-        for source in &sources {
-            let of_cell = counts.iter().filter(|count| {
-                count.source.as_deref() == *source
-                    && count.cell == asked.cell
-                    && count.hash == asked.hash
-            });
-            let (mut n, mut chosen) = (0, 0);
-            for count in of_cell {
-                n += count.n;
-                if count.action == first.id {
-                    chosen += count.n;
-                }
-            }
-            if n == 0 {
-                continue;
-            }
-            if cell.actions.len() == 2 {
-                tests.push((rows.len(), comparison::exact_half(chosen, n)));
-            }
-            let (low, high) = wilson_interval(chosen, n);
-            rows.push(Row {
-                cell: cell.label.clone(),
-                source: source.unwrap_or("(no label)").to_owned(),
-                n: count(n),
-                action: first.label.clone(),
-                chosen: count(chosen),
-                share: percent(Some(chosen as f64 / n as f64)),
-                interval: percents(Some(low), Some(high)),
-                p: ["–", "–"].map(str::to_owned),
-            });
-        }
-    }
-    let p_values: Vec<f64> = tests.iter().map(|(_, p)| *p).collect();
-    for ((row, p), corrected) in tests.iter().zip(comparison::holm(&p_values)) {
-        rows[*row].p = [p_text(*p), p_text(corrected)];
-    }
-    rows
+/// GET `/studies/STUDY/data/sources.html`: what the open page fetches when something has changed.
+pub(super) async fn part(
+    (store, catalogue, settings): Parts,
+    fits: State<Arc<SourceFits>>,
+    Path(study): Path<StudyId>,
+    query: Result<Query<PlanQuery>, QueryRejection>,
+) -> Result<SourcesPart, Error> {
+    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let sources = read(&store, &fits, &snapshot, query).await?;
+    Ok(SourcesPart::new(&sources))
 }
 
-fn p_text(p: f64) -> String {
-    if p < 0.001 {
-        "< 0.001".to_owned()
-    } else {
-        decimal(Some(p), 3)
+async fn read(
+    store: &crate::store::Store,
+    fits: &SourceFits,
+    snapshot: &Snapshot,
+    query: Result<Query<PlanQuery>, QueryRejection>,
+) -> Result<Sources, Error> {
+    let Query(PlanQuery { plan }) =
+        query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
+    let plan = coarse_plan(snapshot, plan.as_ref())?;
+    Sources::read(store, fits, snapshot, plan, PATIENCE).await
+}
+
+impl SourcesPart {
+    fn new(sources: &Sources) -> Self {
+        Self {
+            plan_label: sources.plan_label.clone(),
+            fitting: match &sources.fits {
+                SourceFitting::NothingToCompare => Fitting::Nothing(match sources.sources.len() {
+                    0 => "No choice that the models are fitted to counts yet.",
+                    1 => {
+                        "All of these people came from one source, so there is nothing to compare. Links for several sources are made on the page Links."
+                    }
+                    _ => {
+                        "There is nothing to compare yet: it takes two sources with enough choices."
+                    }
+                }),
+                SourceFitting::Running { done, of, ahead: 0 } => Fitting::Running(format!(
+                    "Being computed: {} of {} fits are done. Reload the page to see the numbers.",
+                    count(*done as u64),
+                    count(*of as u64)
+                )),
+                SourceFitting::Running { ahead, .. } => Fitting::Running(format!(
+                    "Waits for {ahead} other comparisons. Reload the page to see the numbers."
+                )),
+                SourceFitting::Ready { result } => {
+                    Fitting::Ready(Box::new(SourceTables::new(result)))
+                }
+            },
+            sources: tables::sources(sources),
+            choices: tables::choices(sources),
+        }
     }
 }

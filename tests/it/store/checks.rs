@@ -58,10 +58,10 @@ async fn act(lab: &mut Lab, people: &mut Vec<Person>, number: usize, deed: &Deed
             let study = ["driving", "cups"][*study];
             let usual = lab.new_run(study);
             let run = match kind {
-                0 => NewRun {
-                    is_preview: true,
-                    ..usual
-                },
+                0 => {
+                    people.push(lab.start_preview(study).await);
+                    return;
+                }
                 1 => NewRun {
                     population: Population::Simulated,
                     ..usual

@@ -241,11 +241,7 @@ async fn listeners_hear_of_each_change_after_its_commit() {
         .await
         .unwrap();
     lab.store.visit(&person.link).await.unwrap();
-    let preview = NewRun {
-        is_preview: true,
-        ..lab.new_run("driving")
-    };
-    lab.start_as("driving", preview).await;
+    lab.start_preview("driving").await;
     assert!(
         changes.try_recv().is_err(),
         "neither consent nor a retry nor a look nor a preview changes what is shown"

@@ -86,6 +86,19 @@ async fn an_unsound_copy_is_not_restored() {
     let told = restore(&missing, &target).await.unwrap_err().to_string();
     assert!(told.contains("does not exist"), "{told}");
     assert!(!target.exists());
+    let empty = folder.path().join("empty.db");
+    std::fs::write(&empty, "").unwrap();
+    let told = back_up(&empty, &target).await.unwrap_err().to_string();
+    assert!(told.contains("is not a riskaware database"), "{told}");
+    assert!(!target.exists());
+    // Nothing is refused with a file left beside it, nor beside what is no database.
+    restore(&lab.path(), &no_database).await.unwrap_err();
+    let left: Vec<_> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .filter(|name| name.ends_with(".lock"))
+        .collect();
+    assert_eq!(left, [""; 0]);
 }
 
 #[tokio::test]

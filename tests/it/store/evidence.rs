@@ -1,8 +1,6 @@
 //! What is stored beside the fits: comparisons, checkpoints, and that a rule for stopping was reached.
 
-use riskaware::store::{
-    Checkpoint, LookCount, NewCheckpoints, NewComparison, NewRun, Population, Reached,
-};
+use riskaware::store::{Checkpoint, LookCount, NewCheckpoints, NewComparison, Population, Reached};
 use riskaware::study::{Reply, StudyId};
 
 use super::lab::{CONSENT, Lab, START_PAGE, TIMED_LOW};
@@ -30,11 +28,7 @@ async fn people_count_in_the_order_in_which_they_finished() {
     }
     let mut other = lab.start_and_reach_timed("cups").await;
     other.finishes(&lab, "stop").await;
-    let preview = NewRun {
-        is_preview: true,
-        ..lab.new_run("driving")
-    };
-    let mut preview = lab.start_as("driving", preview).await;
+    let mut preview = lab.start_preview("driving").await;
     preview.says(&lab, CONSENT, Reply::Agreed).await.unwrap();
     preview
         .says(&lab, START_PAGE, Reply::Continued)

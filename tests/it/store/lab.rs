@@ -129,7 +129,6 @@ impl Lab {
             factor: TimeFactor::ONE,
             language: None,
             population: Population::People,
-            is_preview: false,
         }
     }
 
@@ -148,7 +147,17 @@ impl Lab {
     }
 
     pub async fn start_as(&mut self, study: &str, run: NewRun) -> Person {
-        let arrival = self.arrival(study, NewArrival::default()).await;
+        self.start_from(study, NewArrival::default(), run).await
+    }
+
+    /// Somebody who looks at a study and is never counted.
+    pub async fn start_preview(&mut self, study: &str) -> Person {
+        let run = self.new_run(study);
+        self.start_from(study, preview(), run).await
+    }
+
+    pub async fn start_from(&mut self, study: &str, from: NewArrival, run: NewRun) -> Person {
+        let arrival = self.arrival(study, from).await;
         let started = self.store.start(&arrival, run).await.unwrap();
         assert!(started.is_owner && !started.is_resumed);
         Person::of(&started)
@@ -307,5 +316,13 @@ fn question(block: &str, question: &str, limit_ms: Option<u64>, cell: Option<&st
         asked: cell.map(|cell| AskedProblem::new(cell.to_owned(), None)),
         is_fitted: false,
         is_practice: cell.is_none(),
+    }
+}
+
+/// How somebody comes who only looks.
+pub fn preview() -> NewArrival {
+    NewArrival {
+        is_preview: true,
+        ..NewArrival::default()
     }
 }

@@ -150,10 +150,12 @@ async fn publishing_the_same_text_again_changes_nothing() {
     assert_eq!(
         versions
             .iter()
-            .map(|version| version.id)
+            .map(|version| (version.id, version.number.get()))
             .collect::<Vec<_>>(),
-        [lab.driving, newer]
+        [(lab.driving, 1), (newer, 2)]
     );
+    let cups = lab.store.study_version(lab.cups).await.unwrap();
+    assert_eq!(cups.number.get(), 1, "every study counts its own versions");
     assert_eq!(
         lab.store.study_version(newer).await.unwrap().text,
         "id = 'driving' # changed"

@@ -9,7 +9,7 @@ use riskaware::study::{NotAdmitted, Reply, StepKind, Study, StudyId, TimeFactor,
 
 use super::lab::{
     CONSENT, FORM, GRACE_MS, LIMIT_MS, Lab, Person, START_PAGE, THANKS, TIMED_HIGH, TIMED_LOW,
-    UNTIMED_LOW, choice, form, steps,
+    UNTIMED_LOW, choice, form, preview, steps,
 };
 
 fn recruited(person: &str) -> NewArrival {
@@ -526,6 +526,8 @@ async fn runs_without_an_end_and_imported_ones_take_no_place() {
             reply: choice("stop"),
             timing: ClientTiming::default(),
         }],
+        condition: None,
+        has_times: true,
         is_completed: true,
     };
     let import = async || {
@@ -652,12 +654,12 @@ async fn closed_and_unknown_studies_take_nobody_in_and_let_people_finish() {
         StudyState::Open
     );
     person.finishes(&lab, "stop").await;
-    let preview = NewRun {
-        is_preview: true,
-        ..lab.new_run("driving")
-    };
+    let looks = lab.arrival("driving", preview()).await;
     assert!(
-        lab.store.start(&arrival, preview).await.is_ok(),
+        lab.store
+            .start(&looks, lab.new_run("driving"))
+            .await
+            .is_ok(),
         "a preview starts in any state"
     );
     let token = Token::random(&mut lab.rng);
@@ -706,21 +708,24 @@ async fn an_arrival_ends_after_a_day_unless_it_led_to_a_run() {
 async fn previews_simulated_people_and_extra_time_are_not_mixed_in() {
     let mut lab = Lab::open().await;
     let usual = lab.new_run("driving");
-    for run in [
-        NewRun {
-            is_preview: true,
-            ..usual.clone()
-        },
-        NewRun {
-            population: Population::Simulated,
-            ..usual.clone()
-        },
-        NewRun {
-            factor: TimeFactor::new(2.0).unwrap(),
-            ..usual
-        },
+    for (arrival, run) in [
+        (preview(), usual.clone()),
+        (
+            NewArrival::default(),
+            NewRun {
+                population: Population::Simulated,
+                ..usual.clone()
+            },
+        ),
+        (
+            NewArrival::default(),
+            NewRun {
+                factor: TimeFactor::new(2.0).unwrap(),
+                ..usual
+            },
+        ),
     ] {
-        let mut person = lab.start_as("driving", run).await;
+        let mut person = lab.start_from("driving", arrival, run).await;
         person.says(&lab, CONSENT, Reply::Agreed).await.unwrap();
         person
             .says(&lab, START_PAGE, Reply::Continued)

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use riskaware::clock::Clock;
 use riskaware::store::{
-    AnswerKey, FitId, FitKey, FitOutcome, NewFit, Options, Population, Store, back_up, restore,
+    AnswerKey, FitId, FitKey, FitOutcome, NewFit, Options, Population, Store, StudyState, back_up,
+    restore,
 };
 use riskaware::study::{Reply, StudyId, Timestamp};
 use sqlx::Connection;
@@ -114,6 +115,15 @@ async fn tables(path: &Path) -> Vec<(String, String)> {
 /// People who finished, one under way, one who declined, one who withdrew, and a fit.
 async fn filled() -> (Lab, FitId) {
     let mut lab = Lab::open().await;
+    lab.store
+        .publish(
+            &StudyId::from("driving"),
+            "hash of a later file",
+            "id = 'driving' # changed",
+            StudyState::Open,
+        )
+        .await
+        .unwrap();
     for study in ["driving", "cups", "driving"] {
         let mut person = lab.start_and_reach_timed(study).await;
         person.finishes(&lab, "stop").await;
@@ -154,7 +164,12 @@ async fn every_released_schema_keeps_everything() {
             let people = Population::People;
             let mut answers = Vec::new();
             for study in [driving.clone(), StudyId::from("cups")] {
+                let versions = store.study_versions(&study).await.unwrap();
                 answers.push((
+                    versions
+                        .iter()
+                        .map(|version| (version.id, version.number.get()))
+                        .collect::<Vec<_>>(),
                     store
                         .answers(&study, people, AnswerKey::START, 1_000)
                         .await
@@ -166,7 +181,10 @@ async fn every_released_schema_keeps_everything() {
             answers
         };
         let before = read(&lab.store).await;
-        assert_eq!(before[0].0.len() + before[1].0.len(), 3 * 4);
+        assert_eq!(before[0].1.len() + before[1].1.len(), 3 * 4);
+        let numbers = |of: usize| before[of].0.iter().map(|(_, number)| *number);
+        assert_eq!(numbers(0).collect::<Vec<_>>(), [1, 2]);
+        assert_eq!(numbers(1).collect::<Vec<_>>(), [1]);
 
         let folder = TempDir::new().unwrap();
         let path = as_schema(version, &lab, &folder).await;
@@ -182,9 +200,10 @@ async fn every_released_schema_keeps_everything() {
             lab.store.completion_code(1.into())
         );
         let fits = store
-            .latest_fits(&driving, Population::People)
+            .new_fits(&driving, Population::People, &[])
             .await
-            .unwrap();
+            .unwrap()
+            .1;
         assert_eq!(
             fits.iter()
                 .map(|fit| (fit.id, fit.is_provisional))

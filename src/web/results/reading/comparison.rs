@@ -281,7 +281,7 @@ pub(super) fn scores(compared: &[Compared<'_>]) -> Table {
     table
 }
 
-fn estimate(found: Option<&Estimate>) -> String {
+pub(in crate::web) fn estimate(found: Option<&Estimate>) -> String {
     found.map_or_else(
         || "–".to_owned(),
         |found| mean_sd(Some(found.value), Some(found.se), 2),
@@ -337,7 +337,7 @@ pub(super) fn bayes(snapshot: &Snapshot, compared: &[Compared<'_>]) -> Table {
 const NOT_TRIED: &str = "live; no words before other priors were tried";
 
 /// A Bayes factor as people write it: `12 to 1`, `1 to 3.4`, `4·10⁷ to 1`.
-fn ratio(ln: f64) -> String {
+pub(in crate::web) fn ratio(ln: f64) -> String {
     let size = ln.abs().exp();
     let size = if size < 10.0 {
         format!("{size:.1}")

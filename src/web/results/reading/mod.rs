@@ -13,6 +13,10 @@ pub(super) use self::{
     comparison::{Compared, headline},
     ladder::Ladder,
 };
+pub(in crate::web) use self::{
+    comparison::{estimate, ratio},
+    parameters::{contraction, range, symbol},
+};
 use super::{format::rfc3339, table::Table};
 use crate::{jobs::Snapshot, study::FitPlan};
 

@@ -2,7 +2,7 @@
 
 use super::broadest_plan;
 use crate::{
-    inference::{Note, Quantity, Source, design_note},
+    inference::{Note, ParameterSummary, Quantity, Source, design_note},
     jobs::{PartFit, Snapshot},
     model::{ChoiceModel, ChoiceProblem, Curvature, Parameter},
     study::RewardUnit,
@@ -60,11 +60,7 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
                 symbol(name),
                 significant(found.q50),
                 range(found.q5, found.q95),
-                match found.source {
-                    Source::Prior => "the prior: no choice depends on it".to_owned(),
-                    Source::Choices if !found.informed => "not informed by this study".to_owned(),
-                    Source::Choices => decimal(Some(found.contraction), 2),
-                },
+                contraction(found),
                 range(found.prior_q5, found.prior_q95),
                 format!("{} ± {}", significant(found.mean), significant(found.sd)),
                 most_likely.map_or_else(|| "–".to_owned(), significant),
@@ -74,11 +70,20 @@ pub(super) fn table(snapshot: &Snapshot) -> Table {
     table
 }
 
-pub(super) fn range(low: f64, high: f64) -> String {
+/// The contraction of a parameter that the choices said something about, else that they did not.
+pub(in crate::web) fn contraction(found: &ParameterSummary) -> String {
+    match found.source {
+        Source::Prior => "the prior: no choice depends on it".to_owned(),
+        Source::Choices if !found.informed => "not informed by this study".to_owned(),
+        Source::Choices => decimal(Some(found.contraction), 2),
+    }
+}
+
+pub(in crate::web) fn range(low: f64, high: f64) -> String {
     format!("{} to {}", significant(low), significant(high))
 }
 
-pub(super) fn symbol(name: &str) -> String {
+pub(in crate::web) fn symbol(name: &str) -> String {
     let symbol = Quantity::try_from(name.to_owned()).map(Quantity::symbol);
     symbol.map_or_else(|_| name.to_owned(), str::to_owned)
 }
