@@ -385,3 +385,9 @@ where run_id in (select id from run where state = 'withdrawn');
 update event
 set at_ms = at_ms - at_ms % 86400000
 where kind = 'erased';
+
+-- Those of a study that started nothing, by age: a limited number of them is kept.
+create index arrival_unused_of_study on arrival (study_id, created_at_ms) where run_id is null;
+
+-- What was done with a study is listed on its page, however long the log has become.
+create index audit_of_study on audit (study_id, id) where study_id is not null;

@@ -10,19 +10,24 @@ use crate::{
 /// Whom the log names for a command.
 pub(super) const ACTOR: &str = "command";
 
-/// Writes that a command on this machine did this.
+/// What the log says of something that a command on this machine does.
+pub(super) fn entry(action: &str, study: Option<&StudyId>, detail: Option<String>) -> AuditEntry {
+    AuditEntry {
+        actor: ACTOR.to_owned(),
+        action: action.to_owned(),
+        study: study.cloned(),
+        detail,
+        outcome: AuditOutcome::Done,
+    }
+}
+
+/// Writes that a command on this machine does this. Before it is done: what was read must not stay unsaid.
 pub(super) async fn record(
     store: &Store,
     action: &str,
     study: Option<&StudyId>,
     detail: Option<String>,
 ) -> anyhow::Result<()> {
-    let entry = AuditEntry {
-        actor: ACTOR.to_owned(),
-        action: action.to_owned(),
-        study: study.cloned(),
-        detail,
-        outcome: AuditOutcome::Done,
-    };
+    let entry = entry(action, study, detail);
     store.log(entry).await.context("writing to the log")
 }

@@ -36,7 +36,7 @@ pub struct RestoreArguments {
 /// When the database is missing, the copy exists, or writing fails.
 pub async fn back_up(arguments: BackupArguments) -> anyhow::Result<()> {
     let BackupArguments { file, database } = arguments;
-    store::back_up(&database, &file).await?;
+    // Before the copy is made, so that it holds the entry too.
     match Store::open_beside(&database, Clock::start()).await {
         Ok(store) => {
             let detail = Some(file.display().to_string());
@@ -46,6 +46,7 @@ pub async fn back_up(arguments: BackupArguments) -> anyhow::Result<()> {
         // The database of an earlier program can be copied before it is upgraded.
         Err(error) => tracing::warn!(%error, "this copy does not stand in the log"),
     }
+    store::back_up(&database, &file).await?;
     println!("{} holds a copy of {}", file.display(), database.display());
     Ok(())
 }

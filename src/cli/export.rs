@@ -128,6 +128,17 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         Some(WantedIds::Hashed) => Ids::Hashed,
         Some(WantedIds::Plain) => Ids::Plain,
     };
+    let detail = ids.name().map(|name| format!("ids {name}"));
+    let format_name = format.to_possible_value();
+    let action = format!(
+        "export {}",
+        format_name.as_ref().map_or("", |name| name.get_name())
+    );
+    // Before the first byte is written: whoever reads along may have it all and end this command.
+    // A copy that can only be read has no log to write to.
+    if let Err(error) = log(&database, &action, &study, detail).await {
+        tracing::warn!(%error, "this export does not stand in the log");
+    }
     let written = match format.form() {
         Some(form) => {
             let export = Export::open(&store, &study, population, ids).await?;
@@ -146,18 +157,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
         }
     };
     store.close().await;
-    written?;
-    let detail = ids.name().map(|name| format!("ids {name}"));
-    let format = format.to_possible_value();
-    let action = format!(
-        "export {}",
-        format.as_ref().map_or("", |format| format.get_name())
-    );
-    // A copy that can only be read has no log to write to.
-    if let Err(error) = log(&database, &action, &study, detail).await {
-        tracing::warn!(%error, "this export does not stand in the log");
-    }
-    Ok(())
+    written
 }
 
 async fn log(

@@ -14,7 +14,7 @@
 //! * [`OnDemand`]: work that is done when somebody asks for it: [`Sweeps`], simulated sweeps, with the problems that they
 //!   run over ([`swept_problems`]); [`SourceFits`], the models fitted to people from each source;
 //! * [`Snapshot`]: all that a results page says about a study, at one moment; `snapshot_cache` keeps the latest,
-//!   `known_fits` the fits that were read for it.
+//!   `known_fits` the fits that were read for it; [`Released`] is what strangers see of it.
 //!
 //! A final fit is cold: a pure function of counts, problems, settings, seed and program. So what is behind is known from
 //! the hashes alone, also after a restart. A provisional fit shows what it will say while answers keep coming.
@@ -35,6 +35,7 @@ mod on_demand;
 mod plan_comparison;
 mod quiet;
 pub mod refit;
+mod released;
 mod snapshot;
 mod snapshot_cache;
 mod source_fits;
@@ -47,8 +48,9 @@ pub use counts::{QuestionCounts, StudyCounts};
 pub use fit_input::{changed_priors, fit_settings};
 pub use fit_report::FitReport;
 pub use looks::{RuleReached, RuleText, SequentialEvidence};
-pub use on_demand::{OnDemand, Work, WorkState};
+pub use on_demand::{Asker, OnDemand, Work, WorkState};
 pub use plan_comparison::PlanComparison;
+pub use released::Released;
 pub use snapshot::{Blind, NotFinal, PartFit, PartState, Snapshot, Version};
 pub use source_fits::{LeftOutReason, SourceComparison, SourceFitInput, SourceFits, StudySource};
 pub use study_folder::{FolderError, Prepare, StudyFolder};

@@ -22,6 +22,8 @@ use crate::inference::FitError;
 
 /// Pieces of work that may wait for their turn.
 pub(super) const QUEUE: usize = 8;
+/// How many of these places strangers may take.
+const QUEUE_OF_STRANGERS: usize = 2;
 /// Results that are kept.
 const KEPT: usize = 64;
 
@@ -47,6 +49,15 @@ pub trait Work: Clone + Send + 'static {
         &self,
         watch: &mut dyn FnMut(usize) -> ControlFlow<()>,
     ) -> Result<Self::Output, FitError>;
+}
+
+/// Who asks for work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asker {
+    /// Somebody with an account or a token, or whoever sits at this machine.
+    Known,
+    /// Anybody, of a public study: finds no place where researchers might need it.
+    Stranger,
 }
 
 /// How far a piece of work is.
@@ -102,7 +113,7 @@ impl<W: Work> OnDemand<W> {
     }
 
     /// The result of this input: there, or on its way from now on.
-    pub fn ask(&self, input: &W) -> WorkState<W::Output> {
+    pub fn ask(&self, input: &W, asker: Asker) -> WorkState<W::Output> {
         let mut shared = self.lock();
         let of = input.fits();
         match shared.finished.get(input.hash()) {
@@ -124,10 +135,14 @@ impl<W: Work> OnDemand<W> {
             .queue
             .iter()
             .position(|other| other.hash() == input.hash());
+        let places = match asker {
+            Asker::Known => QUEUE,
+            Asker::Stranger => QUEUE_OF_STRANGERS,
+        };
         let place = match waiting {
             Some(place) => place,
             // Whoever asks again gets a place once there is one.
-            None if shared.queue.len() >= QUEUE => QUEUE,
+            None if shared.queue.len() >= places => QUEUE,
             None => {
                 shared.queue.push_back(input.clone());
                 shared.queue.len() - 1
@@ -158,7 +173,7 @@ impl<W: Work> OnDemand<W> {
         let mut finished = self.finished.subscribe();
         let there = async {
             loop {
-                match self.ask(input) {
+                match self.ask(input, Asker::Known) {
                     WorkState::Running { .. } => {}
                     state @ (WorkState::Ready(_) | WorkState::Failed(_)) => return state,
                 }
@@ -168,7 +183,7 @@ impl<W: Work> OnDemand<W> {
         };
         match tokio::time::timeout(patience, there).await {
             Ok(state) => state,
-            Err(_) => self.ask(input),
+            Err(_) => self.ask(input, Asker::Known),
         }
     }
 

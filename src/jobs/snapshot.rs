@@ -72,7 +72,9 @@ pub struct Snapshot {
     /// The stored fits, for the next snapshot.
     known: KnownFits,
     comparisons: Vec<PlanComparison>,
-    sequential: Option<SequentialEvidence>,
+    pub(super) sequential: Option<SequentialEvidence>,
+    /// Whether it is one that strangers are shown, without what tells of few people.
+    pub is_of_many: bool,
 }
 
 /// Results are hidden until enough people have finished.
@@ -82,6 +84,15 @@ pub struct Blind {
     pub until: u64,
     /// How many have finished.
     pub completed: u64,
+}
+
+impl Blind {
+    /// What hides the results of a study of whom so many have finished; none once they may be shown. This is the one place
+    /// that decides.
+    pub fn of(study: &Study, people: &Totals) -> Option<Self> {
+        let (until, completed) = (study.blind_until()?, people.completed);
+        (completed < until).then_some(Self { until, completed })
+    }
 }
 
 /// One model's fit to one part of a plan.
@@ -266,13 +277,13 @@ impl Snapshot {
             known,
             comparisons: Vec::new(),
             sequential: None,
+            is_of_many: false,
         }
     }
 
     /// What hides everything that tells how the models do; none once it may be shown. Who took part is never hidden.
     pub fn blind(&self) -> Option<Blind> {
-        let (until, completed) = (self.study.blind_until()?, self.people.completed);
-        (completed < until).then_some(Blind { until, completed })
+        Blind::of(&self.study, &self.people)
     }
 
     /// The newest comparison of a plan's models, if one was made. Ask [`blind`](Self::blind) before it is shown.

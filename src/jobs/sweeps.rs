@@ -164,7 +164,7 @@ mod tests {
 
     use super::*;
     use crate::inference::FittedProblem;
-    use crate::jobs::on_demand::QUEUE;
+    use crate::jobs::{Asker, on_demand::QUEUE};
     use crate::model::NOISY_RATIONAL;
 
     fn input(n: u64) -> SweepInput {
@@ -187,7 +187,7 @@ mod tests {
 
     fn wait(sweeps: &Sweeps, input: &SweepInput) -> Arc<SweepResult> {
         loop {
-            match sweeps.ask(input) {
+            match sweeps.ask(input, Asker::Known) {
                 SweepState::Ready(result) => return result,
                 SweepState::Running { .. } => std::thread::yield_now(),
                 SweepState::Failed(message) => panic!("{message}"),
@@ -198,7 +198,7 @@ mod tests {
     #[test]
     fn a_sweep_is_computed_once_and_kept() {
         let sweeps = Sweeps::new(CancellationToken::new());
-        let first = sweeps.ask(&input(2));
+        let first = sweeps.ask(&input(2), Asker::Known);
         assert!(
             matches!(
                 first,
@@ -223,19 +223,39 @@ mod tests {
         // Nobody works the queue off.
         let sweeps = Sweeps::new(stop);
         for (ahead, n) in (2..2 + QUEUE as u64).enumerate() {
-            let state = sweeps.ask(&input(n));
+            let state = sweeps.ask(&input(n), Asker::Known);
             assert!(
                 matches!(state, SweepState::Running { ahead: found, .. } if found == ahead),
                 "{state:?}"
             );
         }
         for n in [99, 100] {
-            let state = sweeps.ask(&input(n));
+            let state = sweeps.ask(&input(n), Asker::Known);
             assert!(
                 matches!(state, SweepState::Running { ahead: QUEUE, .. }),
                 "{state:?}"
             );
         }
-        assert!(matches!(sweeps.ask(&input(2)), SweepState::Running { .. }));
+        assert!(matches!(
+            sweeps.ask(&input(2), Asker::Known),
+            SweepState::Running { .. }
+        ));
+    }
+
+    #[test]
+    fn strangers_leave_places_for_researchers() {
+        // Once it has stopped nothing is computed, and what is asked for waits.
+        let stop = CancellationToken::new();
+        stop.cancel();
+        let sweeps = Sweeps::new(stop);
+        let ahead = |n, asker| match sweeps.ask(&input(n), asker) {
+            SweepState::Running { ahead, .. } => ahead,
+            SweepState::Ready(_) | SweepState::Failed(_) => panic!("it cannot be over"),
+        };
+        assert_eq!(ahead(10, Asker::Stranger), 0);
+        assert_eq!(ahead(20, Asker::Stranger), 1);
+        assert_eq!(ahead(30, Asker::Stranger), QUEUE, "no place");
+        assert_eq!(ahead(40, Asker::Known), 2);
+        assert_eq!(ahead(10, Asker::Stranger), 0, "it is waited for already");
     }
 }

@@ -2,7 +2,7 @@
 
 use tokio::sync::oneshot;
 
-use super::accounts::AccountChange;
+use super::accounts::{AccountChange, AuditEntry};
 use super::checkpoints::NewCheckpoints;
 use super::comparisons::NewComparison;
 use super::exclusions::ExclusionChange;
@@ -25,6 +25,11 @@ impl<T> Ticket<T> {
     pub(super) fn new() -> (Self, oneshot::Receiver<Result<T, Error>>) {
         let (waiter, receiver) = oneshot::channel();
         (Self { waiter, held: None }, receiver)
+    }
+
+    /// Whether the job was carried out, and not refused.
+    fn is_done(&self) -> bool {
+        matches!(self.held, Some(Ok(_)))
     }
 
     pub(super) fn hold(&mut self, result: Result<T, Error>) {
@@ -76,6 +81,8 @@ pub(super) enum Rare {
     ForgetPeople(StudyId, Vec<VersionId>, Timestamp, Ticket<u64>),
     Account(Box<AccountChange>, Timestamp, Ticket<i64>),
     Import(Box<Import>, Ticket<u64>),
+    /// Another job with what the log says of it once it is done.
+    Recorded(Box<Rare>, AuditEntry, Timestamp),
 }
 
 #[derive(Debug)]
@@ -220,6 +227,7 @@ impl Job {
                 | Rare::Import(_, ticket),
             ) => ticket.deliver(),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.deliver(),
+            Self::Rare(Rare::Recorded(rare, ..)) => Self::Rare(*rare).deliver(),
         }
     }
 
@@ -246,6 +254,45 @@ impl Job {
                 | Rare::Import(_, ticket),
             ) => ticket.fail(err),
             Self::Rare(Rare::Account(_, _, ticket)) => ticket.fail(err),
+            Self::Rare(Rare::Recorded(rare, ..)) => Self::Rare(*rare).fail(err),
+        }
+    }
+}
+
+impl Rare {
+    /// Whether it was carried out, and not refused.
+    pub(super) fn is_done(&self) -> bool {
+        match self {
+            Self::Publish(_, ticket) => ticket.is_done(),
+            Self::SetState(_, _, ticket)
+            | Self::Withdraw(_, _, ticket)
+            | Self::Exclude(_, _, ticket)
+            | Self::SaveComparison(_, _, ticket) => ticket.is_done(),
+            Self::SaveFits(_, _, ticket) => ticket.is_done(),
+            Self::SaveCheckpoints(_, _, ticket) => ticket.is_done(),
+            Self::ForgetArrivals(_, ticket)
+            | Self::ForgetPeople(_, _, _, ticket)
+            | Self::SetEnds(_, _, ticket)
+            | Self::Import(_, ticket) => ticket.is_done(),
+            Self::Account(_, _, ticket) => ticket.is_done(),
+            Self::Recorded(rare, ..) => rare.is_done(),
+        }
+    }
+
+    /// Whether it erases what people told, which then has to leave the write-ahead log too.
+    pub(super) fn erases(&self) -> bool {
+        match self {
+            Self::Withdraw(..) | Self::ForgetPeople(..) | Self::ForgetArrivals(..) => true,
+            Self::Recorded(rare, ..) => rare.erases(),
+            Self::Publish(..)
+            | Self::SetState(..)
+            | Self::SaveFits(..)
+            | Self::SaveComparison(..)
+            | Self::SaveCheckpoints(..)
+            | Self::SetEnds(..)
+            | Self::Exclude(..)
+            | Self::Account(..)
+            | Self::Import(..) => false,
         }
     }
 }

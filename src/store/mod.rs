@@ -11,7 +11,7 @@
 //! * `batch`, `load`, `effects`: one group of participants' jobs: loaded, judged and written with a fixed number of
 //!   statements,
 //! * `accounts`, `sharing`: who may use the server, and which studies everybody may see,
-//! * `taking_part`, `draw`: arriving, starting, sending in forms; the steps that a start may lead to,
+//! * `taking_part`, `unused_arrivals`, `draw`: arriving, starting, sending in forms; the steps that a start may lead to,
 //! * `studies`, `runs`, `withdraw`, `counts`, `answers`, `bonuses`, `fits`, `comparisons`, `checkpoints`: one file per
 //!   group of tables,
 //! * `progress`, `quality`, `sources`: what researchers watch while a study runs: steps, times, participants and what is notable
@@ -53,6 +53,7 @@ mod sources;
 mod studies;
 mod taking_part;
 mod token;
+mod unused_arrivals;
 mod withdraw;
 mod writer;
 
@@ -69,7 +70,7 @@ use tokio_util::sync::CancellationToken;
 pub use accounts::{
     Account, AccountName, AccountNameError, ApiToken, AuditEntry, AuditRow, NewAccount,
     NewApiToken, Password, PasswordError, PasswordHash, SESSION_IDLE_MS, SESSION_LIFE_MS, Session,
-    TokenState,
+    TokenState, Verified,
 };
 pub use answers::{AnswerKey, AnswerRow, EventRow, FormAnswer};
 pub use backup::{CopyError, Restored, back_up, restore};
@@ -104,7 +105,7 @@ pub use token::{Token, TokenError, TokenHash};
 use crate::clock::Clock;
 use crate::study::{StudyId, Timestamp};
 use disk::Lock;
-use job::{Job, Ticket};
+use job::{Job, Rare, Ticket};
 use token::Secret;
 use writer::Writer;
 
@@ -136,6 +137,8 @@ impl Options {
 pub struct Store {
     pool: SqlitePool,
     shared: Arc<Shared>,
+    /// What is written to the log with each change that is made through this handle.
+    entry: Option<Arc<AuditEntry>>,
 }
 
 #[derive(Debug)]
@@ -227,6 +230,7 @@ impl Store {
         Ok(Self {
             pool,
             shared: Arc::new(shared),
+            entry: None,
         })
     }
 
@@ -261,6 +265,7 @@ impl Store {
         Ok(Self {
             pool,
             shared: Arc::new(shared),
+            entry: None,
         })
     }
 
@@ -339,9 +344,25 @@ impl Store {
         self.shared.clock.now()
     }
 
+    /// A handle through which each change of studies, accounts or data is written to the log with this entry, in one
+    /// transaction: neither stands without the other. A change that is refused leaves no entry.
+    pub fn recording(&self, entry: AuditEntry) -> Self {
+        Self {
+            entry: Some(Arc::new(entry)),
+            ..self.clone()
+        }
+    }
+
     async fn wait_for<T>(&self, job: impl FnOnce(Ticket<T>) -> Job) -> Result<T, Error> {
         let (ticket, waiter) = Ticket::new();
-        self.enqueue(job(ticket))?;
+        let job = match (job(ticket), &self.entry) {
+            (Job::Rare(rare), Some(entry)) => {
+                let entry = AuditEntry::clone(entry);
+                Job::Rare(Rare::Recorded(Box::new(rare), entry, self.now()))
+            }
+            (job, _) => job,
+        };
+        self.enqueue(job)?;
         waiter
             .await
             .unwrap_or(Err(Error::Unavailable("the server is shutting down")))

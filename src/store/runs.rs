@@ -2,8 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use sqlx::sqlite::SqliteConnection;
-
 use super::import;
 use super::load::{self, step_kind, time_factor};
 use super::rules::Body;
@@ -482,22 +480,4 @@ impl StepRow {
                 .map_err(|err| sqlx::Error::Decode(err.into()))?,
         })
     }
-}
-
-/// Removes arrivals from before `before` that started nothing.
-pub(super) async fn forget_arrivals(
-    connection: &mut SqliteConnection,
-    before: Timestamp,
-) -> Result<u64, sqlx::Error> {
-    let deleted = sqlx::query(
-        r#"
-        delete from arrival
-        where run_id is null
-        and created_at_ms < ?
-        "#,
-    )
-    .bind(before.0)
-    .execute(connection)
-    .await?;
-    Ok(deleted.rows_affected())
 }

@@ -15,8 +15,8 @@ use tokio_util::sync::CancellationToken;
 use super::error::{Fault, fault};
 use super::job::{Job, Rare};
 use super::{
-    Change, Error, accounts, batch, checkpoints, comparisons, exclusions, fits, import, open, runs,
-    studies, withdraw,
+    Change, Error, accounts, batch, checkpoints, comparisons, exclusions, fits, import, open,
+    studies, unused_arrivals, withdraw,
 };
 
 /// How many jobs one commit takes at most.
@@ -203,7 +203,7 @@ impl Writer {
         for group in jobs.chunk_by_mut(|one, next| one.is_hot() && next.is_hot()) {
             match group {
                 [Job::Rare(rare)] => {
-                    written.erased |= erases(rare);
+                    written.erased |= rare.erases();
                     let changes = write_rare(&mut transaction, rare).await?;
                     written.changes.extend(changes);
                 }
@@ -290,22 +290,6 @@ fn fail_all(jobs: Vec<Job>, err: &Error) {
     }
 }
 
-/// Whether a job removes something about people.
-fn erases(rare: &Rare) -> bool {
-    match rare {
-        Rare::Withdraw(..) | Rare::ForgetPeople(..) | Rare::ForgetArrivals(..) => true,
-        Rare::Publish(..)
-        | Rare::SetState(..)
-        | Rare::SetEnds(..)
-        | Rare::Exclude(..)
-        | Rare::SaveFits(..)
-        | Rare::SaveComparison(..)
-        | Rare::SaveCheckpoints(..)
-        | Rare::Account(..)
-        | Rare::Import(..) => false,
-    }
-}
-
 async fn write_rare(
     connection: &mut SqliteConnection,
     rare: &mut Rare,
@@ -361,12 +345,19 @@ async fn write_rare(
             Ok(Vec::new())
         }
         Rare::ForgetArrivals(before, ticket) => {
-            ticket.hold(Ok(runs::forget_arrivals(connection, *before).await?));
+            ticket.hold(Ok(unused_arrivals::forget(connection, *before).await?));
             Ok(Vec::new())
         }
         Rare::Account(change, at, ticket) => {
             ticket.hold(accounts::write(connection, change, *at).await?);
             Ok(Vec::new())
+        }
+        Rare::Recorded(recorded, entry, at) => {
+            let changes = Box::pin(write_rare(connection, recorded)).await?;
+            if recorded.is_done() {
+                accounts::append(connection, entry, *at).await?;
+            }
+            Ok(changes)
         }
         Rare::Import(import, ticket) => {
             let (imported, changes) = import::write(connection, import).await?;

@@ -11,7 +11,9 @@ mod events;
 mod headers;
 mod home;
 mod participant;
+mod peers;
 mod problem;
+mod query;
 mod replays;
 mod results;
 mod server;
@@ -127,6 +129,7 @@ fn router(state: AppState, address: SocketAddr) -> Router {
     let guard = access::Guard {
         app: state.clone(),
         listener: address,
+        released: Arc::default(),
     };
     Router::new()
         .route("/healthz", get(health))
@@ -145,6 +148,10 @@ fn router(state: AppState, address: SocketAddr) -> Router {
         .layer(middleware::from_fn_with_state(guard, access::guard))
         .layer(
             ServiceBuilder::new()
+                .layer(middleware::from_fn_with_state(
+                    state.settings.clone(),
+                    access::own_request_id,
+                ))
                 .layer(SetRequestIdLayer::x_request_id(MakeRequestUuid))
                 .layer(
                     TraceLayer::new_for_http()

@@ -22,6 +22,7 @@ mod exports;
 mod fit;
 mod fit_command;
 mod fit_files;
+mod guard;
 mod home;
 mod import;
 mod languages;

@@ -33,9 +33,9 @@ impl DatabaseArgs {
     }
 }
 
-/// Writes to the log that a command did this.
-async fn record(store: &Store, action: &str, detail: String) -> anyhow::Result<()> {
-    audit::record(store, action, None, Some(detail)).await
+/// A handle that writes to the log that a command did this, in one transaction with the change.
+fn recording(store: &Store, action: &str, detail: String) -> Store {
+    store.recording(audit::entry(action, None, Some(detail)))
 }
 
 /// A moment as a date with a time of day, in UTC.

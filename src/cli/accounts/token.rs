@@ -3,7 +3,7 @@
 use anyhow::bail;
 use clap::{Args, Subcommand};
 
-use super::{super::output::print, DatabaseArgs, record, shown};
+use super::{super::output::print, DatabaseArgs, recording, shown};
 use crate::{
     chance::Chance,
     store::{Account, AccountName, ApiTokenId, NewApiToken, Scope, Store, Token, TokenState},
@@ -90,16 +90,17 @@ async fn carry_out(store: &Store, command: TokenCommand) -> anyhow::Result<()> {
                 owner,
                 expires_at: Timestamp(store.clock().now().0 + i64::from(days) * DAY_MS),
             };
-            store.make_api_token(&token, new).await?;
-            record(store, "make a token", detail).await?;
+            recording(store, "make a token", detail)
+                .make_api_token(&token, new)
+                .await?;
             print(format!("{token}\n").as_bytes())
         }
         TokenCommand::List => list(store).await,
         TokenCommand::Revoke { token } => {
-            store
+            recording(store, "revoke a token", format!("token {token}"))
                 .revoke_api_token(ApiTokenId::from(token), None)
                 .await?;
-            record(store, "revoke a token", format!("token {token}")).await
+            Ok(())
         }
     }
 }
@@ -141,6 +142,7 @@ async fn list(store: &Store) -> anyhow::Result<()> {
             TokenState::Usable => format!("until {}", shown(token.expires_at)),
             TokenState::Expired => format!("expired {}", shown(token.expires_at)),
             TokenState::Revoked => "revoked".to_owned(),
+            TokenState::Waiting => "waits for another password".to_owned(),
         };
         let owner = token.owner.as_ref().map_or("-", |(_, name, _)| name);
         let used = token.last_used_at.map_or_else(|| "never".to_owned(), shown);

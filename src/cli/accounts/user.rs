@@ -3,7 +3,7 @@
 use anyhow::Context;
 use clap::{Args, Subcommand};
 
-use super::{super::output::print, DatabaseArgs, password, record, shown};
+use super::{super::output::print, DatabaseArgs, password, recording, shown};
 use crate::store::{AccountName, NewAccount, Role, Store};
 
 /// What is to be done with accounts.
@@ -35,7 +35,7 @@ enum UserCommand {
         #[arg(long)]
         undo: bool,
     },
-    /// Set an account's password, asked for or read from standard input, and end its sessions
+    /// Set an account's password, asked for or read from standard input, end its sessions and revoke its tokens
     Password {
         /// Its name
         name: AccountName,
@@ -75,34 +75,33 @@ async fn carry_out(store: &Store, command: UserCommand) -> anyhow::Result<()> {
                 role,
                 must_change_password: false,
             };
-            store
+            recording(store, "make an account", format!("{name}: {role}"))
                 .make_account(account)
                 .await
                 .with_context(|| format!("making the account {name}"))?;
-            record(store, "make an account", format!("{name}: {role}")).await
+            Ok(())
         }
         UserCommand::List => list(store).await,
         UserCommand::Disable { name, undo } => {
             let id = store.account_named(name.as_str()).await?.id;
-            store.set_disabled(id, !undo).await?;
             let action = if undo {
                 "enable an account"
             } else {
                 "disable an account"
             };
-            record(store, action, name.to_string()).await
+            let recording = recording(store, action, name.to_string());
+            Ok(recording.set_disabled(id, !undo).await?)
         }
         UserCommand::Password { name } => {
             let id = store.account_named(name.as_str()).await?.id;
-            store
-                .set_password(id, password::hashed().await?, true)
-                .await?;
-            record(store, "set a password", name.to_string()).await
+            let password = password::hashed().await?;
+            let recording = recording(store, "set a password", name.to_string());
+            Ok(recording.set_password(id, password, true).await?)
         }
         UserCommand::Role { name, role } => {
             let id = store.account_named(name.as_str()).await?.id;
-            store.set_role(id, role).await?;
-            record(store, "change a role", format!("{name}: {role}")).await
+            let recording = recording(store, "change a role", format!("{name}: {role}"));
+            Ok(recording.set_role(id, role).await?)
         }
     }
 }

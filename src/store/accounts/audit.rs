@@ -43,6 +43,25 @@ struct Row {
     outcome: String,
 }
 
+impl Row {
+    fn read(self) -> Result<AuditRow, Error> {
+        Ok(AuditRow {
+            id: self.id,
+            at: Timestamp(self.at_ms),
+            entry: AuditEntry {
+                actor: self.actor,
+                action: self.action,
+                study: self.study_id.map(StudyId::from),
+                detail: self.detail,
+                outcome: self
+                    .outcome
+                    .parse()
+                    .map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
+            },
+        })
+    }
+}
+
 impl Store {
     /// Writes something down. It is on disk when this returns.
     ///
@@ -72,28 +91,36 @@ impl Store {
         .bind(limit)
         .fetch_all(&self.pool)
         .await?;
-        rows.into_iter()
-            .map(|row| {
-                Ok(AuditRow {
-                    id: row.id,
-                    at: Timestamp(row.at_ms),
-                    entry: AuditEntry {
-                        actor: row.actor,
-                        action: row.action,
-                        study: row.study_id.map(StudyId::from),
-                        detail: row.detail,
-                        outcome: row
-                            .outcome
-                            .parse()
-                            .map_err(|err| sqlx::Error::Decode(Box::new(err)))?,
-                    },
-                })
-            })
-            .collect()
+        rows.into_iter().map(Row::read).collect()
+    }
+
+    /// The newest looks at a study's results that were let, the newest first. Watching how a study goes is none, and one that
+    /// was refused is none either: nothing was seen.
+    ///
+    /// # Errors
+    /// When the database fails.
+    pub async fn looks_at(&self, study: &StudyId, limit: u32) -> Result<Vec<AuditRow>, Error> {
+        let rows: Vec<Row> = sqlx::query_as(
+            r#"
+            select id, at_ms, actor, action, study_id, detail, outcome
+            from audit
+            where study_id = ?
+            and outcome = 'done'
+            and (action like 'look at %' or action = 'predict')
+            and action <> 'look at the participants'
+            order by id desc
+            limit ?
+            "#,
+        )
+        .bind(study.as_str())
+        .bind(limit)
+        .fetch_all(&self.pool)
+        .await?;
+        rows.into_iter().map(Row::read).collect()
     }
 }
 
-pub(super) async fn append(
+pub(in crate::store) async fn append(
     connection: &mut SqliteConnection,
     entry: &AuditEntry,
     at: Timestamp,

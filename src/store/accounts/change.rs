@@ -5,7 +5,9 @@ use sqlx::sqlite::SqliteConnection;
 use super::super::job::{Job, Rare, Ticket};
 use super::super::token::TokenHash;
 use super::super::{AccountId, ApiTokenId, Error, Role, Store, sharing};
-use super::{AuditEntry, NewAccount, NewApiToken, PasswordHash, audit, people, sessions, tokens};
+use super::{
+    AuditEntry, NewAccount, NewApiToken, PasswordHash, Verified, audit, people, sessions, tokens,
+};
 use crate::study::{StudyId, Timestamp};
 
 /// Something about accounts that is to be written. Each is answered with a number: an id, or how many rows changed.
@@ -15,9 +17,16 @@ pub(in crate::store) enum AccountChange {
     MakeFirst(TokenHash, NewAccount),
     Make(NewAccount),
     SetPassword(AccountId, PasswordHash, bool),
+    /// Account, the password that it had, the new one, whether its tokens end too, and the session that goes on.
+    ChangePassword(Verified, PasswordHash, bool, TokenHash),
     SetRole(AccountId, Role),
     SetDisabled(AccountId, bool),
-    OpenSession(AccountId, TokenHash, Option<TokenHash>),
+    OpenSession(
+        AccountId,
+        Option<PasswordHash>,
+        TokenHash,
+        Option<TokenHash>,
+    ),
     UseSession(TokenHash),
     CloseSession(TokenHash),
     CloseSessions(AccountId),
@@ -44,7 +53,11 @@ pub(in crate::store) async fn write(
         }
         AccountChange::Make(account) => people::make(connection, account, at).await,
         AccountChange::SetPassword(account, password, must_change) => {
-            people::set_password(connection, *account, password, *must_change).await
+            people::set_password(connection, *account, password, *must_change, at).await
+        }
+        AccountChange::ChangePassword(verified, password, ends_tokens, session) => {
+            people::change_password(connection, verified, password, *ends_tokens, *session, at)
+                .await
         }
         AccountChange::SetRole(account, role) => {
             people::set_role(connection, *account, *role).await
@@ -52,8 +65,8 @@ pub(in crate::store) async fn write(
         AccountChange::SetDisabled(account, is_disabled) => {
             people::set_disabled(connection, *account, *is_disabled, at).await
         }
-        AccountChange::OpenSession(account, token, before) => {
-            sessions::open(connection, *account, *token, *before, at).await
+        AccountChange::OpenSession(account, password, token, before) => {
+            sessions::open(connection, *account, password.as_ref(), *token, *before, at).await
         }
         AccountChange::UseSession(token) => {
             sessions::note_use(connection, *token, at).await.map(Ok)

@@ -16,12 +16,13 @@ mod people;
 mod sessions;
 mod tokens;
 
+pub(super) use audit::append;
 pub use audit::{AuditEntry, AuditRow};
 pub(super) use change::AccountChange;
 pub(super) use change::write;
 pub use name::{AccountName, AccountNameError};
 pub use password::{Password, PasswordError, PasswordHash};
-pub use people::{Account, NewAccount};
+pub use people::{Account, NewAccount, Verified};
 pub use sessions::{SESSION_IDLE_MS, SESSION_LIFE_MS, Session};
 pub use tokens::{ApiToken, NewApiToken, TokenState};
 

@@ -2,10 +2,12 @@
 
 use std::fmt;
 use std::str::FromStr;
+use std::time::Duration;
 
 use argon2::password_hash::{PasswordHasher, PasswordVerifier};
 use argon2::{Algorithm, Argon2, Params, Version};
 use tokio::sync::Semaphore;
+use tokio::time::timeout;
 
 use super::super::Error;
 
@@ -16,6 +18,9 @@ const LANES: u32 = 1;
 
 /// Hashes that are computed at once: each takes 19 MiB and a core, and answers of participants go first.
 static AT_WORK: Semaphore = Semaphore::const_new(2);
+
+/// How long a password waits for its turn. Longer queues are not worth their memory: whoever waits tries again.
+const TURN: Duration = Duration::from_secs(5);
 
 /// What a password is compared with where no account has the name, so that both cases take equally long. It is the hash
 /// of no password: its 32 bytes are 0 to 31.
@@ -63,15 +68,20 @@ impl PasswordHash {
     /// Hashes a password with a random salt, away from the threads that answer requests.
     ///
     /// # Errors
-    /// `Unavailable` where the memory for it cannot be had.
+    /// `Unavailable` where the memory for it cannot be had, `Busy` where too many wait for theirs.
     pub async fn of(password: Password, salt: [u8; 16]) -> Result<Self, Error> {
-        at_work(move || {
+        at_work(&AT_WORK, TURN, move || {
             hasher()
                 .hash_password_with_salt(password.0.as_bytes(), &salt)
                 .map(|hash| Self(hash.to_string()))
                 .map_err(|_| Error::Unavailable("a password could not be hashed"))
         })
         .await?
+    }
+
+    /// One that the database holds.
+    pub(super) fn stored(text: String) -> Self {
+        Self(text)
     }
 
     pub(super) fn as_str(&self) -> &str {
@@ -81,7 +91,7 @@ impl PasswordHash {
 
 /// Whether `password` is the one that was hashed. Without a stored hash it is compared with a decoy and never right.
 pub(super) async fn is_right(password: String, stored: Option<String>) -> Result<bool, Error> {
-    at_work(move || {
+    at_work(&AT_WORK, TURN, move || {
         let is_known = stored.is_some();
         let hash = stored.as_deref().unwrap_or(DECOY);
         let is_equal =
@@ -97,20 +107,54 @@ fn hasher() -> Argon2<'static> {
     Argon2::new(Algorithm::Argon2id, Version::V0x13, params)
 }
 
-async fn at_work<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Error> {
-    let stopped = |_| Error::Unavailable("the server is shutting down");
-    let place = AT_WORK
-        .acquire()
+async fn at_work<T: Send + 'static>(
+    places: &'static Semaphore,
+    wait: Duration,
+    work: impl FnOnce() -> T + Send + 'static,
+) -> Result<T, Error> {
+    let place = timeout(wait, places.acquire())
         .await
+        .map_err(|_| Error::Busy)?
         .map_err(|_| Error::Unavailable("the server is shutting down"))?;
-    let done = tokio::task::spawn_blocking(work).await.map_err(stopped);
-    drop(place);
-    done
+    // The place goes with the work: whoever hangs up meanwhile does not end it, and its memory and core stay taken.
+    let done = tokio::task::spawn_blocking(move || {
+        let _place = place;
+        work()
+    });
+    done.await
+        .map_err(|_| Error::Unavailable("the server is shutting down"))
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc;
+
     use super::*;
+
+    #[tokio::test]
+    async fn a_place_stays_taken_until_the_work_is_done_though_nobody_waits_for_it() {
+        static PLACES: Semaphore = Semaphore::const_new(1);
+        let (begun, has_begun) = tokio::sync::oneshot::channel();
+        let (finish, may_finish) = mpsc::channel::<()>();
+        let (finished, has_finished) = mpsc::channel();
+        let asked = tokio::spawn(at_work(&PLACES, TURN, move || {
+            begun.send(()).unwrap();
+            let told = may_finish.recv();
+            finished.send(told).unwrap();
+        }));
+        has_begun.await.unwrap();
+        asked.abort();
+        assert!(asked.await.unwrap_err().is_cancelled());
+        assert_eq!(PLACES.available_permits(), 0);
+        // The next one is told to come back instead of waiting for ever.
+        let next = at_work(&PLACES, Duration::ZERO, || ()).await;
+        assert!(matches!(next, Err(Error::Busy)), "{next:?}");
+        finish.send(()).unwrap();
+        tokio::task::spawn_blocking(move || has_finished.recv().unwrap().unwrap())
+            .await
+            .unwrap();
+        at_work(&PLACES, TURN, || ()).await.unwrap();
+    }
 
     #[test]
     fn only_the_length_of_a_password_is_judged() {

@@ -6,7 +6,7 @@ use super::super::token::TokenHash;
 use super::super::{AccountId, Error, Role, Store, Token};
 use super::change::AccountChange;
 use super::password::is_right;
-use super::{AccountName, PasswordHash};
+use super::{AccountName, PasswordHash, sessions, tokens};
 use crate::study::Timestamp;
 
 /// Somebody who can log in, or could.
@@ -37,6 +37,14 @@ pub struct NewAccount {
     pub role: Role,
     /// Whether the password must be changed at the first login.
     pub must_change_password: bool,
+}
+
+/// An account with the password that was shown to be its own: what follows from that happens only while it still is.
+#[derive(Debug, Clone)]
+pub struct Verified {
+    /// The account.
+    pub account: Account,
+    pub(super) password: PasswordHash,
 }
 
 #[derive(sqlx::FromRow)]
@@ -120,18 +128,22 @@ impl Store {
         &self,
         name: &str,
         password: &str,
-    ) -> Result<Option<Account>, Error> {
-        let stored: Option<(AccountId, String)> =
-            sqlx::query_as("select id, password_hash from account where name = ?")
+    ) -> Result<Option<Verified>, Error> {
+        let stored: Option<String> =
+            sqlx::query_scalar("select password_hash from account where name = ?")
                 .bind(name.trim())
                 .fetch_optional(&self.pool)
                 .await?;
-        let hash = stored.map(|(_, hash)| hash);
-        if !is_right(password.to_owned(), hash).await? {
+        let is_right = is_right(password.to_owned(), stored.clone()).await?;
+        let Some(password) = stored.filter(|_| is_right) else {
             return Ok(None);
-        }
+        };
         let account = self.account_named(name.trim()).await?;
-        Ok(account.disabled_at.is_none().then_some(account))
+        let password = PasswordHash::stored(password);
+        Ok(account
+            .disabled_at
+            .is_none()
+            .then_some(Verified { account, password }))
     }
 
     /// Makes the link with which the first account can be made, and the one before it useless. Says whether it opens
@@ -181,7 +193,8 @@ impl Store {
         self.change_account(change).await.map(AccountId::from)
     }
 
-    /// Gives an account another password and ends its sessions.
+    /// Gives an account another password and ends its sessions. One that must be changed was chosen by somebody else, because
+    /// the one before may be known to others: then the account's tokens are revoked too.
     ///
     /// # Errors
     /// `NotFound` for an unknown account.
@@ -194,6 +207,22 @@ impl Store {
         self.change_account(AccountChange::SetPassword(account, password, must_change))
             .await
             .map(drop)
+    }
+
+    /// Gives an account the password that its owner chose. All its sessions end, and one begins under `session`; its tokens
+    /// end where it says so.
+    ///
+    /// # Errors
+    /// `Refused` where the password that was verified is not the account's any more, or the account is disabled.
+    pub async fn change_password(
+        &self,
+        verified: Verified,
+        password: PasswordHash,
+        ends_tokens: bool,
+        session: &Token,
+    ) -> Result<(), Error> {
+        let change = AccountChange::ChangePassword(verified, password, ends_tokens, session.hash());
+        self.change_account(change).await.map(drop)
     }
 
     /// Gives an account another role.
@@ -287,6 +316,7 @@ pub(super) async fn set_password(
     account: AccountId,
     password: &PasswordHash,
     must_change: bool,
+    at: Timestamp,
 ) -> Result<Result<i64, Error>, sqlx::Error> {
     let changed =
         sqlx::query("update account set password_hash = ?, must_change_password = ? where id = ?")
@@ -296,8 +326,48 @@ pub(super) async fn set_password(
             .execute(&mut *connection)
             .await?
             .rows_affected();
-    super::sessions::close_all(connection, account).await?;
+    sessions::close_all(&mut *connection, account).await?;
+    if must_change {
+        tokens::revoke_all(connection, account, at).await?;
+    }
     Ok(found(changed))
+}
+
+pub(super) async fn change_password(
+    connection: &mut SqliteConnection,
+    verified: &Verified,
+    password: &PasswordHash,
+    ends_tokens: bool,
+    session: TokenHash,
+    at: Timestamp,
+) -> Result<Result<i64, Error>, sqlx::Error> {
+    let account = verified.account.id;
+    let changed = sqlx::query(
+        r#"
+        update account
+        set password_hash = ?, must_change_password = 0
+        where id = ?
+        -- somebody else chose another one between the check of the password and now
+        and password_hash = ?
+        and disabled_at_ms is null
+        "#,
+    )
+    .bind(password.as_str())
+    .bind(account)
+    .bind(verified.password.as_str())
+    .execute(&mut *connection)
+    .await?
+    .rows_affected();
+    if changed == 0 {
+        return Ok(Err(Error::Refused(
+            "the password was changed meanwhile; log in anew".to_owned(),
+        )));
+    }
+    sessions::close_all(&mut *connection, account).await?;
+    if ends_tokens {
+        tokens::revoke_all(&mut *connection, account, at).await?;
+    }
+    sessions::open(connection, account, Some(password), session, None, at).await
 }
 
 pub(super) async fn set_role(
@@ -333,7 +403,7 @@ pub(super) async fn set_disabled(
         .await?
         .rows_affected();
     if is_disabled {
-        super::sessions::close_all(connection, account).await?;
+        sessions::close_all(connection, account).await?;
     }
     Ok(found(changed))
 }

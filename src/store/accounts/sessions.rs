@@ -6,7 +6,7 @@ use super::super::token::TokenHash;
 use super::super::{AccountId, Error, Store, Token};
 use super::change::AccountChange;
 use super::people::AccountRow;
-use super::{Account, USE_NOTED_MS};
+use super::{Account, PasswordHash, USE_NOTED_MS, Verified};
 use crate::study::Timestamp;
 
 /// A session that was not used for so long is over: half a day.
@@ -129,7 +129,24 @@ impl Store {
         token: &Token,
         before: Option<&Token>,
     ) -> Result<(), Error> {
-        let change = AccountChange::OpenSession(account, token.hash(), before.map(Token::hash));
+        let change =
+            AccountChange::OpenSession(account, None, token.hash(), before.map(Token::hash));
+        self.change_account(change).await.map(drop)
+    }
+
+    /// The same for an account whose password was just verified.
+    ///
+    /// # Errors
+    /// `NotFound` where that is not the account's password any more, or the account is disabled.
+    pub async fn log_in(
+        &self,
+        verified: Verified,
+        token: &Token,
+        before: Option<&Token>,
+    ) -> Result<(), Error> {
+        let Verified { account, password } = verified;
+        let before = before.map(Token::hash);
+        let change = AccountChange::OpenSession(account.id, Some(password), token.hash(), before);
         self.change_account(change).await.map(drop)
     }
 
@@ -155,6 +172,7 @@ impl Store {
 pub(super) async fn open(
     connection: &mut SqliteConnection,
     account: AccountId,
+    password: Option<&PasswordHash>,
     token: TokenHash,
     before: Option<TokenHash>,
     at: Timestamp,
@@ -172,14 +190,15 @@ pub(super) async fn open(
         insert into session (token_hash, account_id, created_at_ms, last_used_at_ms, expires_at_ms)
         select ?1, id, ?2, ?2, ?3
         from account
-        -- disabled between the check of the password and now
-        where id = ?4 and disabled_at_ms is null
+        -- disabled, or given another password, between the check of the password and now
+        where id = ?4 and disabled_at_ms is null and (?5 is null or password_hash = ?5)
         "#,
     )
     .bind(token.as_bytes())
     .bind(at.0)
     .bind(at.0 + SESSION_LIFE_MS)
     .bind(account)
+    .bind(password.map(PasswordHash::as_str))
     .execute(connection)
     .await?
     .rows_affected();

@@ -28,6 +28,7 @@ pub struct ApiToken {
     /// The last use, up to a minute ago.
     pub last_used_at: Option<Timestamp>,
     is_owner_disabled: bool,
+    must_owner_change_password: bool,
 }
 
 /// Whether a token opens anything.
@@ -39,6 +40,8 @@ pub enum TokenState {
     Expired,
     /// It was revoked, or its owner's account was disabled.
     Revoked,
+    /// Its owner has a password that somebody else chose, and has to choose another one first.
+    Waiting,
 }
 
 /// A token that is to be made.
@@ -61,6 +64,8 @@ impl ApiToken {
             TokenState::Revoked
         } else if self.expires_at <= now {
             TokenState::Expired
+        } else if self.must_owner_change_password {
+            TokenState::Waiting
         } else {
             TokenState::Usable
         }
@@ -76,6 +81,7 @@ struct TokenRow {
     owner_name: Option<String>,
     owner_role: Option<String>,
     is_owner_disabled: bool,
+    must_owner_change_password: bool,
     created_at_ms: i64,
     expires_at_ms: i64,
     revoked_at_ms: Option<i64>,
@@ -100,6 +106,7 @@ impl TokenRow {
             revoked_at: self.revoked_at_ms.map(Timestamp),
             last_used_at: self.last_used_at_ms.map(Timestamp),
             is_owner_disabled: self.is_owner_disabled,
+            must_owner_change_password: self.must_owner_change_password,
         })
     }
 }
@@ -133,6 +140,7 @@ impl Store {
             select
                 api_token.id, api_token.name, scopes, account_id, account.name as owner_name,
                 account.role as owner_role, account.disabled_at_ms is not null as is_owner_disabled,
+                coalesce(account.must_change_password, 0) as must_owner_change_password,
                 api_token.created_at_ms, expires_at_ms, revoked_at_ms, last_used_at_ms
             from api_token
             left join account on account.id = api_token.account_id
@@ -155,6 +163,7 @@ impl Store {
             select
                 api_token.id, api_token.name, scopes, account_id, account.name as owner_name,
                 account.role as owner_role, account.disabled_at_ms is not null as is_owner_disabled,
+                coalesce(account.must_change_password, 0) as must_owner_change_password,
                 api_token.created_at_ms, expires_at_ms, revoked_at_ms, last_used_at_ms
             from api_token
             left join account on account.id = api_token.account_id
@@ -255,6 +264,21 @@ pub(super) async fn revoke(
     } else {
         Err(Error::NotFound("token"))
     })
+}
+
+pub(super) async fn revoke_all(
+    connection: &mut SqliteConnection,
+    owner: AccountId,
+    at: Timestamp,
+) -> Result<(), sqlx::Error> {
+    sqlx::query(
+        "update api_token set revoked_at_ms = ? where account_id = ? and revoked_at_ms is null",
+    )
+    .bind(at.0)
+    .bind(owner)
+    .execute(connection)
+    .await?;
+    Ok(())
 }
 
 pub(super) async fn note_use(

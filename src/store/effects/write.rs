@@ -4,7 +4,8 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::Effects;
 use crate::store::rules::RunFacts;
-use crate::store::{Change, Population, RunId, bonuses, exclusions, json};
+use crate::store::{Change, Population, RunId, json};
+use crate::store::{bonuses, exclusions, unused_arrivals};
 
 impl Effects {
     /// Writes everything. `facts` gives the rows of the touched runs.
@@ -46,9 +47,16 @@ impl Effects {
             "#,
         )
         .bind(json(&self.arrivals))
-        .execute(connection)
+        .execute(&mut *connection)
         .await?;
-        Ok(())
+        let mut studies: Vec<&str> = self
+            .arrivals
+            .iter()
+            .map(|arrival| arrival.study_id.as_str())
+            .collect();
+        studies.sort_unstable();
+        studies.dedup();
+        unused_arrivals::make_room(connection, &studies, unused_arrivals::KEPT).await
     }
 
     async fn write_new_runs(&self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {

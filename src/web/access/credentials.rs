@@ -28,6 +28,9 @@ pub(super) async fn holder(
             "this token has expired; make a new one at /account",
         )),
         TokenState::Revoked => Err(invalid("this token was revoked")),
+        TokenState::Waiting => Err(invalid(
+            "the account of this token has to choose a password of its own first, at /account/password",
+        )),
     };
     Ok((Caller::Token(token), is_valid))
 }

@@ -1,11 +1,15 @@
 //! How often somebody may try: logins, starts, answers, calls of the API.
 
 use std::{
+    collections::VecDeque,
     fmt,
     hash::Hash,
     net::IpAddr,
     num::NonZeroU32,
-    sync::atomic::{AtomicU32, Ordering},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU32, Ordering},
+    },
     time::Duration,
 };
 
@@ -19,7 +23,7 @@ use governor::{
 use super::{Caller, ClientAddress, Error, Route, routes::segment};
 use crate::{
     clock::Clock,
-    store::{ApiTokenId, Token, TokenHash},
+    store::{AccountId, ApiTokenId, Token, TokenHash},
 };
 
 /// Logins per address and per name: so many at once, then one per half minute.
@@ -29,6 +33,12 @@ const LOGINS_WITHIN: Duration = Duration::from_secs(300);
 const CALLS_PER_MINUTE: u32 = 600;
 /// Refusals of strangers that are written to the log, per address: it is never shortened, and each entry is a commit.
 const REFUSALS_NOTED_PER_MINUTE: u32 = 10;
+/// The same per account and per token: more than anybody is refused who does not try it.
+const REFUSALS_OF_KNOWN_NOTED_PER_MINUTE: u32 = 30;
+/// Places of logins that are remembered, over all accounts.
+const KNOWN_LOGINS: usize = 1024;
+/// Arrivals per address for each start that is let: links are opened by previews too, and again and again. A campus is one address.
+const ARRIVALS_PER_START: u32 = 5;
 /// Answers per run: more than anybody can give.
 const ANSWERS_PER_MINUTE: u32 = 120;
 const MINUTE: Duration = Duration::from_secs(60);
@@ -39,6 +49,8 @@ const SWEEP_EVERY: u32 = 1024;
 /// Which limit a route of participants has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Limited {
+    /// Arrivals per address: what a look at a study's link writes.
+    Arrival,
     /// Starts per address.
     Start,
     /// Answers per run.
@@ -95,11 +107,16 @@ impl<K: Hash + Eq + Clone> Limiter<K> {
 pub struct Limits {
     logins_by_address: Limiter<IpAddr>,
     logins_by_name: Limiter<String>,
+    /// Who logged in from where, the newest last: nobody else can use up their tries.
+    known_logins: Mutex<VecDeque<(String, IpAddr)>>,
+    passwords_by_account: Limiter<AccountId>,
+    arrivals: Limiter<IpAddr>,
     starts: Limiter<IpAddr>,
     answers: Limiter<TokenHash>,
     calls_by_address: Limiter<IpAddr>,
     calls_by_token: Limiter<ApiTokenId>,
     refusals: Limiter<IpAddr>,
+    refusals_of_known: Limiter<String>,
 }
 
 impl fmt::Debug for Limits {
@@ -114,39 +131,79 @@ impl Limits {
         Self {
             logins_by_address: Limiter::new(clock, LOGINS, LOGINS_WITHIN),
             logins_by_name: Limiter::new(clock, LOGINS, LOGINS_WITHIN),
+            known_logins: Mutex::default(),
+            passwords_by_account: Limiter::new(clock, LOGINS, LOGINS_WITHIN),
+            arrivals: Limiter::new(
+                clock,
+                starts_per_minute.saturating_mul(ARRIVALS_PER_START),
+                MINUTE,
+            ),
             starts: Limiter::new(clock, starts_per_minute, MINUTE),
             answers: Limiter::new(clock, ANSWERS_PER_MINUTE, MINUTE),
             calls_by_address: Limiter::new(clock, CALLS_PER_MINUTE, MINUTE),
             calls_by_token: Limiter::new(clock, CALLS_PER_MINUTE, MINUTE),
             refusals: Limiter::new(clock, REFUSALS_NOTED_PER_MINUTE, MINUTE),
+            refusals_of_known: Limiter::new(clock, REFUSALS_OF_KNOWN_NOTED_PER_MINUTE, MINUTE),
         }
     }
 
-    /// Counts an attempt to log in, or to give the password again.
+    /// Counts an attempt to log in: by its address, and by its name, where nobody of this name has logged in from this
+    /// address. So whoever knows a name cannot keep its owner out of the places from which they work.
     pub(in crate::web) fn check_login(
         &self,
         name: &str,
         client: ClientAddress,
     ) -> Result<(), Error> {
         self.logins_by_address.check(&client.counted_as())?;
-        // The start of a name is enough to count by, and nobody fills the memory with long ones.
-        let name = name.trim().chars().take(64).collect();
-        self.logins_by_name.check(&name)
+        let login = login(name, client);
+        if self.known_logins().contains(&login) {
+            return Ok(());
+        }
+        self.logins_by_name.check(&login.0)
     }
 
-    /// Counts a form of a participant. Whoever sits at this machine is not counted as an address: a proxy here that
-    /// was not named stands for everybody.
-    pub(super) fn check_post(
+    /// Remembers from where somebody logged in, until the server ends.
+    pub(in crate::web) fn note_login(&self, name: &str, client: ClientAddress) {
+        let login = login(name, client);
+        let mut known = self.known_logins();
+        known.retain(|known| *known != login);
+        if known.len() == KNOWN_LOGINS {
+            known.pop_front();
+        }
+        known.push_back(login);
+    }
+
+    /// Counts that somebody who is logged in gave the password again.
+    pub(in crate::web) fn check_own_password(
+        &self,
+        account: AccountId,
+        client: ClientAddress,
+    ) -> Result<(), Error> {
+        self.logins_by_address.check(&client.counted_as())?;
+        self.passwords_by_account.check(&account)
+    }
+
+    fn known_logins(&self) -> MutexGuard<'_, VecDeque<(String, IpAddr)>> {
+        self.known_logins
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Counts what a participant does that writes. Whoever sits at this machine is not counted as an address: a proxy
+    /// here that was not named stands for everybody.
+    pub(super) fn check_participant(
         &self,
         route: &Route,
+        is_get: bool,
         path: &str,
         client: ClientAddress,
     ) -> Result<(), Error> {
-        match route.limited {
-            None => Ok(()),
-            Some(Limited::Start) if client.is_this_machine() => Ok(()),
-            Some(Limited::Start) => self.starts.check(&client.counted_as()),
-            Some(Limited::Answer) => {
+        match (route.limited, is_get) {
+            (None, _) | (Some(Limited::Start | Limited::Answer), true) => Ok(()),
+            (Some(Limited::Arrival | Limited::Start), _) if client.is_this_machine() => Ok(()),
+            (Some(Limited::Arrival), _) => self.arrivals.check(&client.counted_as()),
+            (Some(Limited::Start), false) => self.starts.check(&client.counted_as()),
+            (Some(Limited::Answer), false) => {
                 match segment(route.path, path, "{token}").map(str::parse::<Token>) {
                     Some(Ok(token)) => self.answers.check(&token.hash()),
                     // Opens nothing anyway.
@@ -156,10 +213,12 @@ impl Limits {
         }
     }
 
-    /// Whether a refusal is written to the log: those of accounts and tokens always, those of strangers so many a minute.
+    /// Whether a refusal is written to the log: so many a minute for each who is refused.
     pub(super) fn may_be_noted(&self, caller: &Caller, client: ClientAddress) -> bool {
         match caller {
-            Caller::Token(_) | Caller::Account(_) => true,
+            Caller::Token(_) | Caller::Account(_) => {
+                self.refusals_of_known.check(&caller.name()).is_ok()
+            }
             Caller::Nobody | Caller::Local => self.refusals.check(&client.counted_as()).is_ok(),
         }
     }
@@ -175,6 +234,11 @@ impl Limits {
     }
 }
 
+/// The start of a name is enough to count by, and nobody fills the memory with long ones.
+fn login(name: &str, client: ClientAddress) -> (String, IpAddr) {
+    (name.trim().chars().take(64).collect(), client.counted_as())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -187,7 +251,7 @@ mod tests {
     fn after_ten_logins_one_is_let_every_half_minute() {
         let clock = Clock::manual(Timestamp(1_767_225_600_000));
         let limits = Limits::new(&clock, 60);
-        let here = ClientAddress("192.0.2.1".parse().unwrap());
+        let here = ClientAddress::at("192.0.2.1");
         for _ in 0..10 {
             limits.check_login("anna", here).unwrap();
         }
@@ -202,7 +266,7 @@ mod tests {
             "{refused:?}"
         );
         // Another address does not help with the same name, nor another name at the same address.
-        let there = ClientAddress("192.0.2.2".parse().unwrap());
+        let there = ClientAddress::at("192.0.2.2");
         limits.check_login("anna", there).unwrap_err();
         limits.check_login("berta", here).unwrap_err();
         limits.check_login("berta", there).unwrap();
@@ -212,19 +276,44 @@ mod tests {
     }
 
     #[test]
+    fn whoever_logged_in_from_a_place_is_not_kept_out_of_it_by_others() {
+        let clock = Clock::manual(Timestamp(1_767_225_600_000));
+        let limits = Limits::new(&clock, 60);
+        let office = ClientAddress::at("192.0.2.1");
+        limits.check_login("anna", office).unwrap();
+        limits.note_login("anna", office);
+        for last in 2..=12 {
+            // A stranger at many addresses, who knows the name alone.
+            let _ = limits.check_login("anna", ClientAddress::at(&format!("198.51.100.{last}")));
+        }
+        let elsewhere = ClientAddress::at("203.0.113.1");
+        limits.check_login("anna", elsewhere).unwrap_err();
+        limits.check_login("anna", office).unwrap();
+        // The place is one for this name alone, and its tries are counted as any other's.
+        limits.note_login("berta", elsewhere);
+        limits
+            .check_login("anna", ClientAddress::at("203.0.113.2"))
+            .unwrap_err();
+        for _ in 0..8 {
+            limits.check_login("anna", office).unwrap();
+        }
+        limits.check_login("anna", office).unwrap_err();
+    }
+
+    #[test]
     fn strangers_cannot_fill_the_log_with_refusals() {
         let clock = Clock::manual(Timestamp(1_767_225_600_000));
         let limits = Limits::new(&clock, 60);
-        let here = ClientAddress("192.0.2.1".parse().unwrap());
+        let here = ClientAddress::at("192.0.2.1");
         let noted = |caller: &Caller, client, tries: u32| {
             let noted = (0..tries).filter(|_| limits.may_be_noted(caller, client));
             noted.count()
         };
         let most = REFUSALS_NOTED_PER_MINUTE as usize;
         assert_eq!(noted(&Caller::Nobody, here, 10_000), most);
-        // Nor from this machine before there are accounts; other addresses and accounts are noted as ever.
+        // Nor from this machine before there are accounts; other addresses are noted as ever, accounts a little more.
         assert_eq!(noted(&Caller::Local, here, 10), 0);
-        let there = ClientAddress("192.0.2.2".parse().unwrap());
+        let there = ClientAddress::at("192.0.2.2");
         assert_eq!(noted(&Caller::Nobody, there, 1), 1);
         let account = Caller::Account(Account {
             id: AccountId::from(1),
@@ -234,7 +323,8 @@ mod tests {
             created_at: clock.now(),
             disabled_at: None,
         });
-        assert_eq!(noted(&account, here, 10_000), 10_000);
+        let most_of_known = REFUSALS_OF_KNOWN_NOTED_PER_MINUTE as usize;
+        assert_eq!(noted(&account, here, 10_000), most_of_known);
         clock.advance(60_000);
         assert_eq!(noted(&Caller::Nobody, here, 10_000), most);
     }

@@ -8,7 +8,7 @@ use axum::{
 };
 use tower_http::csrf::ProtectionError;
 
-use super::Error;
+use super::{super::Settings, Error};
 
 /// What proxies add to requests that they pass on.
 const FORWARDED: [&str; 5] = [
@@ -24,8 +24,15 @@ const FORWARDED: [&str; 5] = [
 /// The name in `Host` counts as well as the listener, because a page of another site whose name was pointed at 127.0.0.1
 /// must not read results. Behind a proxy on this machine the listener is loopback too, and some proxies put their own
 /// name for us into `Host`: so whatever says that it was forwarded is refused. A proxy that says nothing at all cannot
-/// be told from a browser on this machine.
-pub(super) fn is_local(headers: &HeaderMap, listener: SocketAddr) -> bool {
+/// be told from a browser on this machine: where the server was told of a proxy, or of an address that others use, nobody
+/// counts as sitting here.
+pub(super) fn is_local(headers: &HeaderMap, listener: SocketAddr, settings: &Settings) -> bool {
+    let public = settings.public_url.as_ref();
+    if !settings.trusted_proxies.is_empty()
+        || !public.is_none_or(|url| is_loopback_name(url.authority()))
+    {
+        return false;
+    }
     let host = headers
         .get(header::HOST)
         .and_then(|host| host.to_str().ok());
@@ -36,7 +43,7 @@ pub(super) fn is_local(headers: &HeaderMap, listener: SocketAddr) -> bool {
 /// What everybody else is told.
 pub(super) fn not_here() -> Error {
     Error::Forbidden(
-        "results are shown only where the server listens on this machine alone, such as 127.0.0.1:8080; make the first account with the link that the server printed when it started, or start it with --open-results to show results to everybody who can reach it".to_owned(),
+        "results are shown only where the server listens on this machine alone, such as 127.0.0.1:8080, and was told of no proxy and no public address; make the first account with the link that the server printed when it started, or start it with --open-results to show results to everybody who can reach it".to_owned(),
     )
 }
 
@@ -59,7 +66,26 @@ fn is_loopback_name(host: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::is_loopback_name;
+    use super::*;
+
+    #[test]
+    fn nobody_sits_at_this_machine_where_a_proxy_or_a_public_address_was_named() {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::HOST, "127.0.0.1:8080".parse().unwrap());
+        let listener = "127.0.0.1:8080".parse().unwrap();
+        let is_local = |url: Option<&str>, proxies: &[&str]| {
+            let settings = Settings {
+                public_url: url.map(|url| url.parse().unwrap()),
+                trusted_proxies: proxies.iter().map(|proxy| proxy.parse().unwrap()).collect(),
+                ..Settings::default()
+            };
+            is_local(&headers, listener, &settings)
+        };
+        assert!(is_local(None, &[]));
+        assert!(is_local(Some("http://localhost:8080"), &[]));
+        assert!(!is_local(Some("https://study.example"), &[]));
+        assert!(!is_local(None, &["127.0.0.1"]));
+    }
 
     #[test]
     fn only_names_of_this_machine_are_loopback() {

@@ -14,24 +14,29 @@ mod credentials;
 mod limits;
 mod loopback;
 mod public_url;
+mod reader;
 mod record;
+mod request_id;
 mod routes;
 mod standing;
 
-use std::net::SocketAddr;
+use std::{net::SocketAddr, sync::Arc};
 
 use axum::{
     extract::{MatchedPath, Request, State},
-    http::{HeaderMap, Method},
+    http::{HeaderMap, Method, StatusCode},
     middleware::Next,
     response::{IntoResponse, Redirect, Response},
 };
 
+use self::reader::ReleasedTo;
 pub(super) use self::{
     address::{ClientAddress, PeerAddress},
     cookie::{clear_session, session_token, set_session},
     loopback::cross_site,
-    record::{Recorded, record},
+    reader::Reader,
+    record::{Recorded, Written, entry, record},
+    request_id::own_request_id,
     standing::Standing,
 };
 pub use self::{
@@ -40,16 +45,12 @@ pub use self::{
     public_url::{PublicUrl, PublicUrlError},
     routes::{Need, ROUTES, Route, Rule},
 };
-use super::{ApiError, AppState, Error};
+use super::{ApiError, AppState, Error, query::percent_encoded};
 use crate::{
-    jobs::{QuestionCounts, Snapshot},
+    jobs::{Released, Snapshot},
     store::{AuditOutcome, Token},
     study::StudyId,
 };
-
-/// Aggregates of fewer people than this are shown to nobody without an account, nor those of a study in which a question
-/// was answered by fewer.
-const LEAST_PEOPLE_IN_PUBLIC: u64 = 5;
 
 /// What the guard knows of the server.
 #[derive(Clone)]
@@ -57,6 +58,8 @@ pub(super) struct Guard {
     pub(super) app: AppState,
     /// Where the server listens.
     pub(super) listener: SocketAddr,
+    /// What strangers see of public studies.
+    pub(super) released: Arc<Released>,
 }
 
 /// Why a request goes no further.
@@ -73,6 +76,9 @@ impl<E: Into<Error>> From<E> for Refusal {
         Self::Error(error.into())
     }
 }
+
+/// Whether somebody is let, and to strangers, what is released.
+type Admitted = Result<Option<ReleasedTo>, Refusal>;
 
 /// A request as the rules see it.
 #[derive(Clone)]
@@ -174,33 +180,36 @@ pub(super) async fn guard(
         Ok((caller, admitted)) => (caller, admitted),
         Err(refusal) => return asked.answer(refusal),
     };
-    if let Err(refusal) = admitted {
-        // Whoever is only asked to log in has tried nothing yet, and could fill the log.
-        if !matches!(refusal, Refusal::LogIn)
-            && guard.app.limits.may_be_noted(&caller, asked.client)
-            && let Err(error) = guard
-                .note(&asked, &caller, AuditOutcome::Refused, None)
-                .await
-        {
-            return asked.answer(error.into());
+    let released = match admitted {
+        Ok(released) => released,
+        Err(refusal) => {
+            // Whoever is only asked to log in has tried nothing yet, and could fill the log.
+            if !matches!(refusal, Refusal::LogIn)
+                && let Err(error) = guard
+                    .note(&asked, &caller, AuditOutcome::Refused, None)
+                    .await
+            {
+                return asked.answer(error.into());
+            }
+            return asked.answer(refusal);
         }
-        return asked.answer(refusal);
-    }
+    };
     request.extensions_mut().insert(caller.clone());
+    if let Some(released) = released {
+        request.extensions_mut().insert(released);
+    }
     if asked.is_for_streams() {
         let standing = Standing::new(&guard, &asked, request.headers());
         request.extensions_mut().insert(standing);
     }
-    let may_go_away = asked.is_get || asked.route.rule == Rule::Open;
+    let may_go_away = asked.is_get || asked.route.is_for_participants();
     let handled = async move {
         let response = next.run(request).await;
-        let status = response.status();
-        if status.is_success() || status.is_redirection() {
-            let detail = response.extensions().get::<Recorded>().cloned();
-            if let Err(error) = guard
-                .note(&asked, &caller, AuditOutcome::Done, detail)
-                .await
-            {
+        let extensions = response.extensions();
+        let outcome = outcome(response.status()).filter(|_| extensions.get::<Written>().is_none());
+        if let Some(outcome) = outcome {
+            let recorded = extensions.get::<Recorded>().cloned();
+            if let Err(error) = guard.note(&asked, &caller, outcome, recorded).await {
                 return asked.answer(error.into());
             }
         }
@@ -215,26 +224,40 @@ pub(super) async fn guard(
         .unwrap_or_else(|error| Error::Internal(error.into()).into_response())
 }
 
+/// What the log says of an answer; nothing where the request was no more than a mistake.
+fn outcome(status: StatusCode) -> Option<AuditOutcome> {
+    match status {
+        StatusCode::FORBIDDEN | StatusCode::CONFLICT | StatusCode::UNPROCESSABLE_ENTITY => {
+            Some(AuditOutcome::Refused)
+        }
+        status if status.is_success() || status.is_redirection() => Some(AuditOutcome::Done),
+        _ => None,
+    }
+}
+
 impl Guard {
     /// Who asks, and whether they are let. The outer error is one that says nothing about rights.
     async fn admit(
         &self,
         asked: &Asked,
         headers: &HeaderMap,
-    ) -> Result<(Caller, Result<(), Refusal>), Refusal> {
+    ) -> Result<(Caller, Admitted), Refusal> {
         let limits = &self.app.limits;
-        if !asked.is_get {
-            limits.check_post(asked.route, asked.without_query(), asked.client)?;
-        }
+        limits.check_participant(
+            asked.route,
+            asked.is_get,
+            asked.without_query(),
+            asked.client,
+        )?;
         let need = match asked.route.rule {
-            Rule::Open => return Ok((Caller::Nobody, Ok(()))),
+            Rule::Open => return Ok((Caller::Nobody, Ok(None))),
             Rule::Greets => {
                 let caller = match self.session(headers).await? {
                     Some(caller) => caller,
                     None if self.is_let_without_accounts(headers).await? => Caller::Local,
                     None => Caller::Nobody,
                 };
-                return Ok((caller, Ok(())));
+                return Ok((caller, Ok(None)));
             }
             Rule::SignedIn => None,
             Rule::Needs(need) => Some(need),
@@ -245,7 +268,7 @@ impl Guard {
                 limits.check_caller(&Caller::Nobody, asked.client)?;
             }
             let admitted = self.admit_without_accounts(need, headers);
-            return Ok((Caller::Local, admitted));
+            return Ok((Caller::Local, admitted.map(|()| None)));
         }
         if asked.is_api() {
             self.admit_to_api(asked, need, headers).await
@@ -267,7 +290,7 @@ impl Guard {
         need: Option<Need>,
         headers: &HeaderMap,
     ) -> Result<(), Refusal> {
-        let is_local = loopback::is_local(headers, self.listener);
+        let is_local = loopback::is_local(headers, self.listener, &self.app.settings);
         let is_let = match need {
             Some(Need::Results | Need::Data) => is_local || self.app.settings.open_results,
             Some(Need::Manage) => is_local,
@@ -290,12 +313,20 @@ impl Guard {
         asked: &Asked,
         need: Option<Need>,
         headers: &HeaderMap,
-    ) -> Result<(Caller, Result<(), Refusal>), Refusal> {
+    ) -> Result<(Caller, Admitted), Refusal> {
         let Some(caller) = self.session(headers).await? else {
-            if self.is_shown_to_all(asked).await? {
-                return Ok((Caller::Nobody, Ok(())));
+            if asked.route.rule == Rule::Shared {
+                self.app
+                    .limits
+                    .check_caller(&Caller::Nobody, asked.client)?;
             }
-            return Ok((Caller::Nobody, Err(Refusal::LogIn)));
+            return Ok((
+                Caller::Nobody,
+                self.shown_to_all(asked)
+                    .await?
+                    .ok_or(Refusal::LogIn)
+                    .map(Some),
+            ));
         };
         if caller.must_change_password()
             && asked.route.path != "/account/password"
@@ -310,7 +341,7 @@ impl Guard {
                 need.map_or("an account", Need::role_text)
             )))
         };
-        Ok((caller, if is_let { Ok(()) } else { Err(refusal()) }))
+        Ok((caller, if is_let { Ok(None) } else { Err(refusal()) }))
     }
 
     async fn admit_to_api(
@@ -318,15 +349,14 @@ impl Guard {
         asked: &Asked,
         need: Option<Need>,
         headers: &HeaderMap,
-    ) -> Result<(Caller, Result<(), Refusal>), Refusal> {
+    ) -> Result<(Caller, Admitted), Refusal> {
         let limits = &self.app.limits;
         let bearer = match credentials::bearer(headers) {
             None => {
                 limits.check_caller(&Caller::Nobody, asked.client)?;
-                if self.is_shown_to_all(asked).await? {
-                    return Ok((Caller::Nobody, Ok(())));
-                }
-                return Ok((Caller::Nobody, Err(credentials::missing().into())));
+                let shown = self.shown_to_all(asked).await?;
+                let shown = shown.ok_or_else(|| credentials::missing().into());
+                return Ok((Caller::Nobody, shown.map(Some)));
             }
             Some(bearer) => bearer,
         };
@@ -340,7 +370,7 @@ impl Guard {
         }
         let admitted = match need {
             Some(need) if !caller.may(need) => Err(credentials::insufficient(need).into()),
-            Some(_) | None => Ok(()),
+            Some(_) | None => Ok(None),
         };
         Ok((caller, admitted))
     }
@@ -353,31 +383,23 @@ impl Guard {
         Ok(self.app.store.session(&token).await?.map(Caller::Account))
     }
 
-    /// Whether everybody may see this: aggregates of a study that is public, of enough people that none stands out.
-    async fn is_shown_to_all(&self, asked: &Asked) -> Result<bool, Error> {
+    /// What everybody may see of this: aggregates of a study that is public, of enough people that none stands out.
+    async fn shown_to_all(&self, asked: &Asked) -> Result<Option<ReleasedTo>, Error> {
         let (Rule::Shared, Some(study)) = (asked.route.rule, &asked.study) else {
-            return Ok(false);
+            return Ok(None);
         };
         if !self.app.store.is_public(study).await? {
-            return Ok(false);
+            return Ok(None);
         }
         let app = &self.app;
         let population = app.settings.population;
-        let Some(snapshot) = Snapshot::read(&app.store, &app.catalogue, population, study).await?
-        else {
-            return Ok(false);
-        };
-        let counts = &snapshot.counts;
-        let mut answered = counts
-            .cells
-            .iter()
-            .chain(&counts.baseline)
-            .map(QuestionCounts::n);
-        Ok(snapshot.people.analysed() >= LEAST_PEOPLE_IN_PUBLIC
-            && answered.all(|n| n == 0 || n >= LEAST_PEOPLE_IN_PUBLIC))
+        let current = Snapshot::read(&app.store, &app.catalogue, population, study).await?;
+        let released = current.and_then(|current| self.released.of(&current));
+        Ok(released.map(ReleasedTo))
     }
 
-    /// Writes down what is to be written down of this route.
+    /// Writes down what is to be written down of this route: refusals only so many a minute, because the log is never
+    /// shortened.
     async fn note(
         &self,
         asked: &Asked,
@@ -397,7 +419,11 @@ impl Guard {
                 is_blind().is_some() && (asked.is_api() || !asked.is_for_scripts())
             }
         };
-        if !is_noted {
+        let may_be_noted = || match outcome {
+            AuditOutcome::Done => true,
+            AuditOutcome::Refused => self.app.limits.may_be_noted(caller, asked.client),
+        };
+        if !is_noted || !may_be_noted() {
             return Ok(());
         }
         let action = recorded
@@ -415,16 +441,4 @@ impl Guard {
         )
         .await
     }
-}
-
-/// A path as a value in a query.
-fn percent_encoded(path: &str) -> String {
-    path.bytes()
-        .map(|byte| match byte {
-            b'A'..=b'Z' | b'a'..=b'z' | b'0'..=b'9' | b'/' | b'-' | b'_' | b'.' => {
-                char::from(byte).to_string()
-            }
-            _ => format!("%{byte:02X}"),
-        })
-        .collect()
 }

@@ -23,6 +23,11 @@ impl PublicUrl {
     pub fn is_https(&self) -> bool {
         self.is_https
     }
+
+    /// The host, with its port if one was given.
+    pub(super) fn authority(&self) -> &str {
+        &self.authority
+    }
 }
 
 impl fmt::Display for PublicUrl {

@@ -15,7 +15,28 @@ pub(in crate::web) struct Recorded {
     pub(in crate::web) detail: Option<String>,
 }
 
-/// Writes to the log. What cannot be written is not let happen: the caller gets the error.
+/// An extension of a response whose change is in the log already, in one transaction with its entry.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::web) struct Written;
+
+/// What the log says of something that is about to be done, for [`Store::recording`].
+pub(in crate::web) fn entry(
+    caller: &Caller,
+    action: &str,
+    study: Option<&StudyId>,
+    detail: Option<String>,
+) -> AuditEntry {
+    AuditEntry {
+        actor: caller.name(),
+        action: action.to_owned(),
+        study: study.cloned(),
+        detail,
+        outcome: AuditOutcome::Done,
+    }
+}
+
+/// Writes something to the log that changes nothing else: a look, or a refusal. Where that fails the caller gets the error,
+/// and so does whoever asked. Changes are written together with their entry instead, see [`Store::recording`].
 pub(in crate::web) async fn record(
     store: &Store,
     caller: &Caller,
@@ -25,11 +46,8 @@ pub(in crate::web) async fn record(
     outcome: AuditOutcome,
 ) -> Result<(), Error> {
     let entry = AuditEntry {
-        actor: caller.name(),
-        action: action.to_owned(),
-        study: study.cloned(),
-        detail,
         outcome,
+        ..entry(caller, action, study, detail)
     };
     Ok(store.log(entry).await?)
 }

@@ -52,6 +52,13 @@ pub struct Route {
     pub(super) limited: Option<Limited>,
 }
 
+impl Route {
+    /// Whether participants use it. What they send is stored or not, whoever waits for the answer.
+    pub(super) fn is_for_participants(&self) -> bool {
+        self.path.starts_with("/s/") || self.path.starts_with("/r/")
+    }
+}
+
 const fn route(path: &'static str, rule: Rule, action: &'static str) -> Route {
     Route {
         path,
@@ -82,7 +89,7 @@ pub const ROUTES: &[Route] = &[
     route("/static/{version}/{*path}", Rule::Open, ""),
     route("/replays/{id}", Rule::Open, ""),
     // Participants.
-    route("/s/{study}", Rule::Open, ""),
+    limited("/s/{study}", Limited::Arrival),
     limited("/s/{study}/a/{token}", Limited::Start),
     limited("/r/{token}", Limited::Answer),
     route("/r/{token}/withdraw", Rule::Open, ""),
@@ -149,6 +156,7 @@ pub const ROUTES: &[Route] = &[
         ADMIN,
         "set a one-time password",
     ),
+    route("/admin/tokens/{token}/revoke", ADMIN, "revoke a token"),
     route("/admin/audit", ADMIN, "look at the log"),
     // The description of the API, which tells nothing of any study.
     route("/api/v1/openapi.json", Rule::Open, ""),
@@ -412,6 +420,14 @@ mod tests {
             };
             assert!(is_named, "{}", route.path);
         }
+    }
+
+    #[test]
+    fn forms_of_accounts_are_no_forms_of_participants() {
+        for path in ["/login", "/setup/{token}", "/account/password"] {
+            assert!(!find(path).unwrap().is_for_participants(), "{path}");
+        }
+        assert!(find("/r/{token}").unwrap().is_for_participants());
     }
 
     #[test]

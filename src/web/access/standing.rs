@@ -52,13 +52,13 @@ impl Standing {
             session_token(headers, &guard.app.settings).map(Some)
         };
         let caller = match shown {
-            None => return guard.is_shown_to_all(asked).await,
+            None => return Ok(guard.shown_to_all(asked).await?.is_some()),
             Some(None) => return Ok(false),
             Some(Some(token)) if asked.is_api() => token_holder(store, &token).await?,
             Some(Some(token)) => match store.session_unused(&token).await? {
                 Some(account) => Caller::Account(account),
                 // As for any visitor: a public study stays open after logging out.
-                None => return guard.is_shown_to_all(asked).await,
+                None => return Ok(guard.shown_to_all(asked).await?.is_some()),
             },
         };
         Ok(caller.may(need) && !caller.must_change_password())

@@ -19,11 +19,10 @@ use super::{
         assets,
     },
     bar::{Bar, Who},
-    open_session,
 };
 use crate::{
     chance::Chance,
-    store::{AuditOutcome, Store},
+    store::{self, AuditOutcome, Store, Token},
 };
 
 #[derive(Template, WebTemplate)]
@@ -79,15 +78,27 @@ pub(super) async fn log_in(
     Form(form): Form<LoginForm>,
 ) -> Result<Response, Error> {
     limits.check_login(&form.name, client)?;
-    let Some(account) = store.check_password(&form.name, &form.password).await? else {
-        note_refusal(&store, &form.name).await?;
+    let refused = async |name: String| {
+        note_refusal(&store, &name).await?;
         let text = "this name and password open no account";
-        let page = LoginPage::new(&form.next, form.name, Some(text));
-        return Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response());
+        let page = LoginPage::new(&form.next, name, Some(text));
+        Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response())
     };
-    let cookie = open_session(&store, &chance, &settings, &headers, account.id).await?;
-    let caller = Caller::Account(account);
-    access::record(&store, &caller, "log in", None, None, AuditOutcome::Done).await?;
+    let Some(verified) = store.check_password(&form.name, &form.password).await? else {
+        return refused(form.name).await;
+    };
+    let token = Token::random(&mut chance.fork());
+    let before = access::session_token(&headers, &settings);
+    let caller = Caller::Account(verified.account.clone());
+    let recording = store.recording(access::entry(&caller, "log in", None, None));
+    match recording.log_in(verified, &token, before.as_ref()).await {
+        Ok(()) => {}
+        // Disabled or given another password since.
+        Err(store::Error::NotFound(_)) => return refused(form.name).await,
+        Err(error) => return Err(error.into()),
+    }
+    limits.note_login(&form.name, client);
+    let cookie = access::set_session(&settings, &token);
     let next = Redirect::to(local_path(&form.next));
     Ok(([(header::SET_COOKIE, cookie)], next).into_response())
 }
@@ -99,7 +110,7 @@ async fn note_refusal(store: &Store, name: &str) -> Result<(), Error> {
             (Caller::Account(account), "the account is disabled")
         }
         Ok(account) => (Caller::Account(account), "wrong password"),
-        Err(crate::store::Error::NotFound(_)) => (Caller::Nobody, "unknown name"),
+        Err(store::Error::NotFound(_)) => (Caller::Nobody, "unknown name"),
         Err(error) => return Err(error.into()),
     };
     let detail = Some(detail.to_owned());

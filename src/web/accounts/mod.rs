@@ -47,6 +47,7 @@ pub(super) fn router() -> Router<AppState> {
             "/admin/accounts/{account}/password",
             post(people::set_password),
         )
+        .route("/admin/tokens/{token}/revoke", post(people::revoke_token))
         .route("/admin/audit", get(log::show))
         .route("/results/{study}/public", post(sharing::set))
 }

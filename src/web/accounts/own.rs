@@ -7,7 +7,7 @@ use askama_web::WebTemplate;
 use axum::{
     Extension,
     extract::{Form, State},
-    http::{HeaderMap, StatusCode, header},
+    http::{StatusCode, header},
     response::{IntoResponse, Redirect, Response},
 };
 use serde::Deserialize;
@@ -22,11 +22,11 @@ use super::{
     },
     DIFFERENT,
     bar::{Bar, Who},
-    hashed, open_session, signed_in,
+    hashed, signed_in,
 };
 use crate::{
     chance::Chance,
-    store::{Account, ApiToken, AuditOutcome, Password, Role, Store, TokenState},
+    store::{self, Account, ApiToken, AuditOutcome, Password, Role, Store, Token, TokenState},
     study::Timestamp,
 };
 
@@ -44,18 +44,22 @@ struct OwnPage {
     tokens: Vec<TokenLine>,
 }
 
-struct TokenLine {
-    id: i64,
-    name: String,
-    scopes: String,
-    expires: String,
-    last_used: String,
-    state: &'static str,
-    is_usable: bool,
+/// A token in a list.
+pub(super) struct TokenLine {
+    pub(super) id: i64,
+    pub(super) name: String,
+    /// Whose it is; empty if a command made it for nobody.
+    pub(super) owner: String,
+    pub(super) scopes: String,
+    pub(super) expires: String,
+    pub(super) last_used: String,
+    pub(super) state: &'static str,
+    /// Whether it opens something, or will again.
+    pub(super) is_usable: bool,
 }
 
 impl TokenLine {
-    fn new(token: ApiToken, now: Timestamp) -> Self {
+    pub(super) fn new(token: ApiToken, now: Timestamp) -> Self {
         let state = token.state(now);
         let scopes: Vec<&str> = token.scopes.iter().map(|scope| scope.as_str()).collect();
         Self {
@@ -69,8 +73,10 @@ impl TokenLine {
                 TokenState::Usable => "in use",
                 TokenState::Expired => "expired",
                 TokenState::Revoked => "revoked",
+                TokenState::Waiting => "waits for another password",
             },
-            is_usable: state == TokenState::Usable,
+            is_usable: matches!(state, TokenState::Usable | TokenState::Waiting),
+            owner: token.owner.map_or_else(String::new, |(_, name, _)| name),
             name: token.name,
         }
     }
@@ -88,6 +94,8 @@ struct PasswordPage {
 pub(super) struct PasswordForm {
     current: String,
     new: String,
+    /// Ticked where the account's tokens are to end too.
+    revoke: Option<String>,
     /// The new one once more.
     again: String,
 }
@@ -163,18 +171,14 @@ pub(super) async fn set_password(
     ),
     (State(limits), Extension(client)): (State<Arc<Limits>>, Extension<ClientAddress>),
     caller: Extension<Caller>,
-    headers: HeaderMap,
     Form(form): Form<PasswordForm>,
 ) -> Result<Response, Error> {
     let account = signed_in(caller)?;
-    limits.check_login(&account.name, client)?;
+    limits.check_own_password(account.id, client)?;
     let caller = Caller::Account(account.clone());
     let action = "change the own password";
-    if store
-        .check_password(&account.name, &form.current)
-        .await?
-        .is_none()
-    {
+    let verified = store.check_password(&account.name, &form.current).await?;
+    let Some(verified) = verified else {
         let detail = Some("wrong password".to_owned());
         access::record(&store, &caller, action, None, detail, AuditOutcome::Refused).await?;
         return again(
@@ -183,7 +187,7 @@ pub(super) async fn set_password(
             "the current password is another one".to_owned(),
         )
         .await;
-    }
+    };
     let password: Password = match form.new.parse() {
         Ok(password) => password,
         Err(error) => return again(&store, &account, format!("{error}")).await,
@@ -200,9 +204,19 @@ pub(super) async fn set_password(
         .await;
     }
     let password = hashed(password, &chance).await?;
-    store.set_password(account.id, password, false).await?;
-    access::record(&store, &caller, action, None, None, AuditOutcome::Done).await?;
-    let cookie = open_session(&store, &chance, &settings, &headers, account.id).await?;
+    let ends_tokens = form.revoke.is_some();
+    let detail = ends_tokens.then(|| "and revoke all tokens".to_owned());
+    let session = Token::random(&mut chance.fork());
+    let recording = store.recording(access::entry(&caller, action, None, detail));
+    let changed = recording
+        .change_password(verified, password, ends_tokens, &session)
+        .await;
+    match changed {
+        Ok(()) => {}
+        Err(store::Error::Refused(text)) => return again(&store, &account, text).await,
+        Err(error) => return Err(error.into()),
+    }
+    let cookie = access::set_session(&settings, &session);
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/account")).into_response())
 }
 
@@ -218,17 +232,9 @@ pub(super) async fn close_sessions(
     caller: Extension<Caller>,
 ) -> Result<Response, Error> {
     let account = signed_in(caller)?;
-    store.close_sessions(account.id).await?;
-    let caller = Caller::Account(account);
-    access::record(
-        &store,
-        &caller,
-        "log out everywhere",
-        None,
-        None,
-        AuditOutcome::Done,
-    )
-    .await?;
+    let id = account.id;
+    let entry = access::entry(&Caller::Account(account), "log out everywhere", None, None);
+    store.recording(entry).close_sessions(id).await?;
     let forget = access::clear_session(&settings);
     Ok(([(header::SET_COOKIE, forget)], Redirect::to("/login")).into_response())
 }

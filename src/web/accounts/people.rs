@@ -13,18 +13,22 @@ use serde::Deserialize;
 use super::{
     super::{
         Error,
-        access::{Caller, Recorded},
+        access::{self, Caller, Recorded, Written},
         assets,
         error::sentence,
         results::rfc3339,
     },
     bar::{Bar, Who},
     hashed, one_time_password,
+    own::TokenLine,
 };
 use crate::{
     chance::Chance,
-    store::{self, Account, AccountId, AccountName, NewAccount, Role, Store},
+    store::{self, Account, AccountId, AccountName, ApiTokenId, NewAccount, Role, Store},
 };
+
+/// What making an account is called in the log.
+const MAKE: &str = "make an account";
 
 const ROLES: &[Role] = &[Role::Viewer, Role::Researcher, Role::Admin];
 
@@ -35,6 +39,8 @@ struct PeoplePage {
     error: Option<String>,
     invited: Option<Invited>,
     accounts: Vec<AccountLine>,
+    /// Those of all accounts, revoked ones too.
+    tokens: Vec<TokenLine>,
 }
 
 /// Somebody who gets a one-time password.
@@ -74,10 +80,16 @@ async fn page(
     error: Option<String>,
 ) -> Result<PeoplePage, Error> {
     let accounts = store.accounts().await?;
+    let tokens = store.api_tokens(None).await?;
+    let now = store.clock().now();
     Ok(PeoplePage {
         bar: Bar::of(store, caller).await?,
         error: error.as_deref().map(sentence),
         invited,
+        tokens: tokens
+            .into_iter()
+            .map(|token| TokenLine::new(token, now))
+            .collect(),
         accounts: accounts
             .into_iter()
             .map(|account| AccountLine {
@@ -109,7 +121,10 @@ pub(super) async fn make(
     let role = read_role(&form.role)?;
     let name: AccountName = match form.name.parse() {
         Ok(name) => name,
-        Err(error) => return again(&store, &caller, format!("{error}")).await,
+        Err(error) => {
+            let action = recorded(MAKE, None);
+            return again(&store, &caller, action, format!("{error}")).await;
+        }
     };
     let (shown, password) = one_time_password(&chance);
     let account = NewAccount {
@@ -118,15 +133,13 @@ pub(super) async fn make(
         role,
         must_change_password: true,
     };
-    match store.make_account(account).await {
+    let detail = format!("{name}: {role}");
+    let recording = store.recording(access::entry(&caller, MAKE, None, Some(detail.clone())));
+    match recording.make_account(account).await {
         Ok(_) => {}
         Err(store::Error::Conflict(_)) => {
-            return again(
-                &store,
-                &caller,
-                format!("there is an account `{name}` already"),
-            )
-            .await;
+            let text = format!("there is an account `{name}` already");
+            return again(&store, &caller, recorded(MAKE, Some(detail)), text).await;
         }
         Err(error) => return Err(error.into()),
     }
@@ -135,7 +148,7 @@ pub(super) async fn make(
         password: shown,
     };
     let page = page(&store, &caller, Some(invited), None).await?;
-    Ok((recorded("make an account", format!("{name}: {role}")), page).into_response())
+    Ok((Extension(Written), page).into_response())
 }
 
 /// POST `/admin/accounts/ID/role`.
@@ -147,9 +160,13 @@ pub(super) async fn set_role(
 ) -> Result<Response, Error> {
     let account = account_of(&store, account).await?;
     let role = read_role(&form.role)?;
-    match store.set_role(account.id, role).await {
-        Ok(()) => Ok(done("change a role", format!("{}: {role}", account.name))),
-        Err(store::Error::Refused(text)) => again(&store, &caller, text).await,
+    let (action, detail) = ("change a role", format!("{}: {role}", account.name));
+    let recording = store.recording(access::entry(&caller, action, None, Some(detail.clone())));
+    match recording.set_role(account.id, role).await {
+        Ok(()) => Ok(done()),
+        Err(store::Error::Refused(text)) => {
+            again(&store, &caller, recorded(action, Some(detail)), text).await
+        }
         Err(error) => Err(error.into()),
     }
 }
@@ -168,9 +185,14 @@ pub(super) async fn set_disabled(
     } else {
         "enable an account"
     };
-    match store.set_disabled(account.id, is_disabled).await {
-        Ok(()) => Ok(done(action, account.name)),
-        Err(store::Error::Refused(text)) => again(&store, &caller, text).await,
+    let detail = account.name.clone();
+    let recording = store.recording(access::entry(&caller, action, None, Some(detail)));
+    match recording.set_disabled(account.id, is_disabled).await {
+        Ok(()) => Ok(done()),
+        Err(store::Error::Refused(text)) => {
+            let recorded = recorded(action, Some(account.name));
+            again(&store, &caller, recorded, text).await
+        }
         Err(error) => Err(error.into()),
     }
 }
@@ -185,28 +207,56 @@ pub(super) async fn set_password(
     let account = account_of(&store, account).await?;
     let (shown, password) = one_time_password(&chance);
     let password = hashed(password, &chance).await?;
-    store.set_password(account.id, password, true).await?;
+    let detail = Some(account.name.clone());
+    let entry = access::entry(&caller, "set a one-time password", None, detail);
+    let recording = store.recording(entry);
+    recording.set_password(account.id, password, true).await?;
     let invited = Invited {
-        name: account.name.clone(),
+        name: account.name,
         password: shown,
     };
     let page = page(&store, &caller, Some(invited), None).await?;
-    Ok((recorded("set a one-time password", account.name), page).into_response())
+    Ok((Extension(Written), page).into_response())
 }
 
-async fn again(store: &Store, caller: &Caller, error: String) -> Result<Response, Error> {
+/// POST `/admin/tokens/ID/revoke`: anybody's token.
+pub(super) async fn revoke_token(
+    State(store): State<Store>,
+    Extension(caller): Extension<Caller>,
+    Path(token): Path<i64>,
+) -> Result<Response, Error> {
+    let entry = access::entry(
+        &caller,
+        "revoke a token",
+        None,
+        Some(format!("token {token}")),
+    );
+    let recording = store.recording(entry);
+    recording
+        .revoke_api_token(ApiTokenId::from(token), None)
+        .await?;
+    Ok(done())
+}
+
+/// What was refused, with what the log says of it.
+async fn again(
+    store: &Store,
+    caller: &Caller,
+    recorded: Extension<Recorded>,
+    error: String,
+) -> Result<Response, Error> {
     let page = page(store, caller, None, Some(error)).await?;
-    Ok((StatusCode::UNPROCESSABLE_ENTITY, page).into_response())
+    Ok((StatusCode::UNPROCESSABLE_ENTITY, recorded, page).into_response())
 }
 
-fn done(action: &str, detail: String) -> Response {
-    (recorded(action, detail), Redirect::to("/admin/accounts")).into_response()
+fn done() -> Response {
+    (Extension(Written), Redirect::to("/admin/accounts")).into_response()
 }
 
-fn recorded(action: &str, detail: String) -> Extension<Recorded> {
+fn recorded(action: &str, detail: Option<String>) -> Extension<Recorded> {
     Extension(Recorded {
         action: Some(action.to_owned()),
-        detail: Some(detail),
+        detail,
     })
 }
 

@@ -12,19 +12,14 @@ use axum::{
 use serde::Deserialize;
 
 use super::{
-    super::{
-        Error, Settings,
-        access::{self, Caller},
-        assets,
-        error::sentence,
-    },
+    super::{Error, Settings, assets, error::sentence},
     DIFFERENT,
     bar::{Bar, Who},
     hashed, open_session,
 };
 use crate::{
     chance::Chance,
-    store::{AccountName, AuditOutcome, NewAccount, Password, Role, Store, Token},
+    store::{AccountName, AuditEntry, AuditOutcome, NewAccount, Password, Role, Store, Token},
 };
 
 #[derive(Template, WebTemplate)]
@@ -93,18 +88,15 @@ pub(super) async fn make(
         role: Role::Admin,
         must_change_password: false,
     };
-    let account = store.make_first_account(&token, account).await?;
-    let made = store.account_named(name.as_str()).await?;
-    let caller = Caller::Account(made);
-    access::record(
-        &store,
-        &caller,
-        "make the first account",
-        None,
-        None,
-        AuditOutcome::Done,
-    )
-    .await?;
+    let entry = AuditEntry {
+        actor: name.to_string(),
+        action: "make the first account".to_owned(),
+        study: None,
+        detail: None,
+        outcome: AuditOutcome::Done,
+    };
+    let recording = store.recording(entry);
+    let account = recording.make_first_account(&token, account).await?;
     let cookie = open_session(&store, &chance, &settings, &headers, account).await?;
     Ok(([(header::SET_COOKIE, cookie)], Redirect::to("/account")).into_response())
 }

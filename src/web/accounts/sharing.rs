@@ -7,7 +7,10 @@ use axum::{
 };
 use serde::Deserialize;
 
-use super::super::{Error, access::Recorded};
+use super::super::{
+    Error,
+    access::{self, Caller, Written},
+};
 use crate::{store::Store, study::StudyId};
 
 #[derive(Deserialize)]
@@ -20,25 +23,23 @@ pub(super) struct PublicForm {
 /// POST `/results/STUDY/public`.
 pub(super) async fn set(
     State(store): State<Store>,
+    Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
     Form(form): Form<PublicForm>,
 ) -> Result<Response, Error> {
     let is_public = form.public != 0;
-    store.set_public(&study, is_public).await?;
     let action = if is_public {
         "make results public"
     } else {
         "make results not public"
     };
-    let recorded = Recorded {
-        action: Some(action.to_owned()),
-        detail: None,
-    };
+    let recording = store.recording(access::entry(&caller, action, Some(&study), None));
+    recording.set_public(&study, is_public).await?;
     let page = if form.studies.is_some() {
         "studies"
     } else {
         "results"
     };
     let back = Redirect::to(&format!("/{page}/{study}"));
-    Ok((Extension(recorded), back).into_response())
+    Ok((Extension(Written), back).into_response())
 }

@@ -17,7 +17,7 @@ use super::{
 };
 use crate::{
     chance::Chance,
-    store::{AccountName, ApiTokenId, AuditOutcome, NewApiToken, Scope, Store, Token},
+    store::{AccountName, ApiTokenId, NewApiToken, Scope, Store, Token},
     study::Timestamp,
 };
 
@@ -67,16 +67,8 @@ pub(super) async fn make(
         owner: Some(account.id),
         expires_at: Timestamp(store.clock().now().0 + form.days * DAY_MS),
     };
-    store.make_api_token(&token, new).await?;
-    access::record(
-        &store,
-        &caller,
-        "make a token",
-        None,
-        Some(detail),
-        AuditOutcome::Done,
-    )
-    .await?;
+    let entry = access::entry(&caller, "make a token", None, Some(detail));
+    store.recording(entry).make_api_token(&token, new).await?;
     page(&store, account, Some(token.to_string()), None).await
 }
 
@@ -87,19 +79,12 @@ pub(super) async fn revoke(
     Path(token): Path<i64>,
 ) -> Result<Redirect, Error> {
     let account = signed_in(caller)?;
-    store
-        .revoke_api_token(ApiTokenId::from(token), Some(account.id))
-        .await?;
-    let caller = Caller::Account(account);
+    let owner = Some(account.id);
     let detail = Some(format!("token {token}"));
-    access::record(
-        &store,
-        &caller,
-        "revoke a token",
-        None,
-        detail,
-        AuditOutcome::Done,
-    )
-    .await?;
+    let entry = access::entry(&Caller::Account(account), "revoke a token", None, detail);
+    let recording = store.recording(entry);
+    recording
+        .revoke_api_token(ApiTokenId::from(token), owner)
+        .await?;
     Ok(Redirect::to("/account"))
 }

@@ -133,10 +133,18 @@ fn complete(api: &mut OpenApi) {
             *value = RefOr::T(or_null.into());
         }
     }
-    for (_, name, description) in REFUSALS {
+    for (status, name, description) in REFUSALS {
+        let mut response = problem(description);
+        if ["429", "503"].contains(&status) {
+            let seconds = HeaderBuilder::new()
+                .schema(Some(ObjectBuilder::new().schema_type(Type::Integer)))
+                .description(Some("After how many seconds to try again"));
+            let name = "Retry-After".to_owned();
+            response.headers.insert(name, seconds.build().into());
+        }
         components
             .responses
-            .insert(name.to_owned(), RefOr::T(problem(description)));
+            .insert(name.to_owned(), RefOr::T(response));
     }
     components.schemas.insert(
         "Problem".to_owned(),
@@ -263,9 +271,6 @@ fn require_properties(object: &mut Object) {
     security(()),
 )]
 pub(super) async fn openapi(Query(NoQuery {}): Query<NoQuery>) -> Result<Response, ApiError> {
-    let headers = [
-        (header::CONTENT_TYPE, "application/json"),
-        (header::CACHE_CONTROL, "no-cache"),
-    ];
+    let headers = [(header::CONTENT_TYPE, "application/json")];
     Ok((headers, DOCUMENT.as_str()).into_response())
 }

@@ -16,7 +16,7 @@ use crate::web::{ApiError, Error};
 pub(super) struct Path<T>(pub T);
 
 /// The query's parameters.
-pub(super) struct Query<T>(pub T);
+pub(in crate::web) struct Query<T>(pub T);
 
 /// A body of JSON.
 pub(super) struct Body<T>(pub T);

@@ -30,20 +30,18 @@ use utoipa::IntoParams;
 use utoipa_axum::{router::OpenApiRouter, routes};
 
 pub use self::document::document;
-use self::{
-    extract::{Path, Query},
-    version::Asked,
-};
+pub(super) use self::extract::Query;
+use self::{extract::Path, version::Asked};
 use super::{
     ApiError, AppState, Error, Settings,
-    access::Standing,
+    access::{Caller, ClientAddress, Need, Reader, Standing},
     events,
-    results::{self, Accuracy, Comparison, Curves, Sequential, Summary},
+    results::{self, Accuracy, Comparison, Curves, PlanQuery, Sequential, Summary},
 };
 use crate::{
     jobs::Catalogue,
     store::{Store, StudyState},
-    study::{PlanId, Study, StudyId},
+    study::{Study, StudyId},
 };
 
 pub(super) fn router() -> Router<AppState> {
@@ -114,15 +112,6 @@ pub(super) type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings
 #[serde(deny_unknown_fields)]
 struct NoQuery {}
 
-#[derive(Debug, Deserialize, IntoParams)]
-#[serde(deny_unknown_fields)]
-#[into_params(parameter_in = Query)]
-struct PlanQuery {
-    /// A plan of the study, as `/studies/STUDY` lists them.
-    #[param(value_type = Option<String>, nullable = false)]
-    plan: Option<PlanId>,
-}
-
 /// The path of a study.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Path)]
@@ -168,8 +157,8 @@ struct StudyDetail {
     entry: StudyEntry,
     cells: Vec<CellEntry>,
     plans: Vec<PlanEntry>,
-    /// The study file.
-    file: String,
+    /// The study file, which holds completion codes and the answers of checks: null without the scope `data`.
+    file: Option<String>,
 }
 
 #[derive(Serialize, utoipa::ToSchema)]
@@ -217,11 +206,13 @@ async fn one(
     (State(store), State(catalogue), State(settings)): Parts,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
+    Extension(caller): Extension<Caller>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
     let entry = entry(&store, &settings, &study).await?;
     let version = entry.version();
+    let shows_file = caller.may(Need::Data);
     let detail = StudyDetail {
         entry,
         cells: study
@@ -243,9 +234,9 @@ async fn one(
                 parts: plan.parts.iter().map(|part| part.id.to_string()).collect(),
             })
             .collect(),
-        file: study.text().to_owned(),
+        file: shows_file.then(|| study.text().to_owned()),
     };
-    asked.decided_by(version, || Ok(detail))
+    asked.decided_by(format!("{version} {shows_file}"), || Ok(detail))
 }
 
 impl StudyEntry {
@@ -285,11 +276,14 @@ fn served(catalogue: &Catalogue, study: &StudyId) -> Result<Arc<Study>, Error> {
 )]
 async fn summary(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader
+        .snapshot(&store, &catalogue, &settings, &study)
+        .await?;
     asked.of(&snapshot, || Ok(Summary::new(&snapshot)))
 }
 
@@ -301,11 +295,12 @@ async fn summary(
 )]
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(query): Query<results::CurvesQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     asked.of(&snapshot, || Ok(query.curves(&snapshot)?))
 }
 
@@ -317,11 +312,12 @@ async fn curves(
 )]
 async fn accuracy(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::plan(&snapshot, plan.as_ref())?;
     asked.of(&snapshot, || Ok(Accuracy::new(&snapshot, plan)))
 }
@@ -334,11 +330,12 @@ async fn accuracy(
 )]
 async fn comparison(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(PlanQuery { plan }): Query<PlanQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let plan = results::coarse_plan(&snapshot, plan.as_ref())?;
     asked.of(&snapshot, || Ok(Comparison::new(&snapshot, plan)))
 }
@@ -351,17 +348,19 @@ async fn comparison(
 )]
 async fn sequential(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
     asked: Asked,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     asked.of(&snapshot, || Ok(Sequential::new(&snapshot)))
 }
 
 /// The current version at once, then each that follows (server-sent events).
 ///
-/// A slow reader skips versions. At most 256 streams are open at a time.
+/// A slow reader skips versions. At most 256 streams are open at a time. Without a token a public study tells the version that is
+/// released, and no other.
 #[utoipa::path(
     get, path = "/studies/{study}/events", tag = "events", params(StudyPath),
     responses((status = 200, description = "Events named `version`, one for each version; the stream ends when the token or the study's public switch no longer opens it", content((events::VersionEvent = "text/event-stream")))),
@@ -369,17 +368,17 @@ async fn sequential(
 )]
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     State(stop): State<CancellationToken>,
+    Extension(client): Extension<ClientAddress>,
     Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
 ) -> Result<Response, ApiError> {
     Ok(events::stream(
-        store,
-        &catalogue,
-        settings.population,
+        (store, &catalogue, settings.population),
         study,
-        standing,
+        (&reader, client, standing),
         stop,
     )
     .await?

@@ -24,7 +24,7 @@ use crate::{
     },
     store::{self, Store},
     study::{CellId, FitPlan, PartId, PlanId, StudyId},
-    web::{ApiError, Error, results},
+    web::{ApiError, Error, access::Reader, results},
 };
 
 /// More than anybody chooses among; with the limit on outcomes, what one call may cost.
@@ -120,6 +120,7 @@ struct Interval {
 )]
 pub(super) async fn predict(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
     Query(NoQuery {}): Query<NoQuery>,
     Body(request): Body<Request>,
@@ -143,11 +144,11 @@ pub(super) async fn predict(
             computed(move || from_parameters(&problem, model, &parameters, options)).await??;
         return Ok(Json(Prediction::FromParameters(answer)).into_response());
     }
-    let mut snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let mut snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let mut draws = draws_of(&store, &snapshot, model, &request).await?;
     if draws.is_none() {
         // A newer fit was made since, and only the newest keeps its draws.
-        snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+        snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
         draws = draws_of(&store, &snapshot, model, &request).await?;
     }
     let (part, chosen) = named_fit(&snapshot, model, &request)?;

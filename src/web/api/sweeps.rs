@@ -20,7 +20,8 @@ use crate::{
     study::StudyId,
     web::{
         ApiError,
-        results::{self, GapQuery, Outcome, ShareQuery, Sweep, Wanted},
+        access::Reader,
+        results::{GapQuery, Outcome, ShareQuery, Sweep, Wanted},
     },
 };
 
@@ -36,13 +37,14 @@ use crate::{
 )]
 pub(super) async fn share(
     (_, State(catalogue), _): Parts,
+    reader: Reader,
     State(sweeps): State<Arc<Sweeps>>,
     Path(study): Path<StudyId>,
     Query(query): Query<ShareQuery>,
 ) -> Result<Response, ApiError> {
     let study = served(&catalogue, &study)?;
     let wanted = Wanted::share(&study, &query)?;
-    let state = sweeps.ask(&wanted.input);
+    let state = sweeps.ask(&wanted.input, reader.asker());
     Ok(answer(wanted.answer(&study, state)?))
 }
 
@@ -58,13 +60,14 @@ pub(super) async fn share(
 )]
 pub(super) async fn gap(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     State(sweeps): State<Arc<Sweeps>>,
     Path(study): Path<StudyId>,
     Query(query): Query<GapQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = results::shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let wanted = Wanted::gap(&snapshot, &query)?;
-    let state = sweeps.ask(&wanted.input);
+    let state = sweeps.ask(&wanted.input, reader.asker());
     Ok(answer(wanted.answer(&snapshot.study, state)?))
 }
 

@@ -50,11 +50,12 @@ impl Asked {
     ) -> Result<Response, ApiError> {
         let version = snapshot.version;
         let of = format!(
-            "{} {} {} {:?}",
+            "{} {} {} {:?} {}",
             snapshot.study.hash(),
             version.data_version,
             version.fit_version,
             snapshot.population,
+            snapshot.is_of_many,
         );
         self.decided_by(of, answer)
     }

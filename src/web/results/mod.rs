@@ -49,8 +49,9 @@ pub(super) use self::{
 };
 use super::{
     ApiError, AppState, Error, Settings,
-    access::{Caller, Need, Standing},
+    access::{Caller, ClientAddress, Need, Reader, Standing},
     accounts::Bar,
+    api::Query as JsonQuery,
     events,
 };
 use crate::{
@@ -94,7 +95,11 @@ pub(super) async fn shown(
     settings: &Settings,
     study: &StudyId,
 ) -> Result<Arc<Snapshot>, Error> {
-    let snapshot = snapshot(store, catalogue, settings, study).await?;
+    unless_blind(snapshot(store, catalogue, settings, study).await?)
+}
+
+/// The same snapshot, if its results may be shown.
+pub(super) fn unless_blind(snapshot: Arc<Snapshot>) -> Result<Arc<Snapshot>, Error> {
     match snapshot.blind() {
         Some(blind) => Err(Error::Blind(blind)),
         None => Ok(snapshot),
@@ -170,31 +175,42 @@ impl CurvesQuery {
 }
 
 /// Which plan is asked for.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
-struct PlanQuery {
-    plan: Option<PlanId>,
+#[into_params(parameter_in = Query)]
+pub(super) struct PlanQuery {
+    /// A plan of the study, as `/studies/STUDY` lists them.
+    #[param(value_type = Option<String>, nullable = false)]
+    pub(super) plan: Option<PlanId>,
 }
 
 type Parts = (State<Store>, State<Arc<Catalogue>>, State<Arc<Settings>>);
 
 async fn results(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, Error> {
-    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader
+        .snapshot(&store, &catalogue, &settings, &study)
+        .await?;
     let bar = Bar::of_study(&store, &caller, &study).await?;
     if let Some(blind) = snapshot.blind() {
         return Ok(page::BlindPage::new(&snapshot, blind, bar).into_response());
     }
-    let attention = page::attention(&store, &snapshot).await?;
+    // What forms say is counted as it is now: strangers see what was released.
+    let attention = match reader.released() {
+        Some(_) => Vec::new(),
+        None => page::attention(&store, &snapshot).await?,
+    };
     let shows_data = caller.may(Need::Data);
     Ok(page::ResultsPage::new(&snapshot, attention, bar, shows_data).into_response())
 }
 
 async fn sweep(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     State(sweeps): State<Arc<Sweeps>>,
     Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
@@ -202,7 +218,7 @@ async fn sweep(
 ) -> Result<Response, Error> {
     let Query(query) = query.map_err(|rejection| Error::BadRequest(rejection.body_text()))?;
     // The page also draws what this study's people chose.
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let n = query.n.unwrap_or(DEFAULT_ANSWERS);
     let wanted = ShareQuery {
         cell: query.cell.clone(),
@@ -218,9 +234,9 @@ async fn sweep(
     };
     let gap = Wanted::gap(&snapshot, &wanted)?;
     // Asked for here already, so that they are on their way when the page's script asks.
-    let state = sweeps.ask(&share.input);
+    let state = sweeps.ask(&share.input, reader.asker());
     let share = share.answer(&snapshot.study, state)?;
-    let state = sweeps.ask(&gap.input);
+    let state = sweeps.ask(&gap.input, reader.asker());
     let gap = gap.answer(&snapshot.study, state)?;
     let bar = Bar::of(&store, &caller).await?;
     Ok(SweepPage::new(&snapshot, &query, n, &share, &gap, bar).into_response())
@@ -228,67 +244,75 @@ async fn sweep(
 
 async fn summary(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = snapshot(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader
+        .snapshot(&store, &catalogue, &settings, &study)
+        .await?;
     Ok(Json(Summary::new(&snapshot)).into_response())
 }
 
 async fn comparison(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
-    Query(PlanQuery { plan }): Query<PlanQuery>,
+    JsonQuery(PlanQuery { plan }): JsonQuery<PlanQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     let plan = coarse_plan(&snapshot, plan.as_ref())?;
     Ok(Json(Comparison::new(&snapshot, plan)).into_response())
 }
 
 async fn reading(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     Ok(Json(Reading::new(&snapshot)).into_response())
 }
 
 async fn sequential(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     Ok(Json(Sequential::new(&snapshot)).into_response())
 }
 
 async fn curves(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
-    Query(query): Query<CurvesQuery>,
+    JsonQuery(query): JsonQuery<CurvesQuery>,
 ) -> Result<Response, ApiError> {
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     Ok(Json(query.curves(&snapshot)?).into_response())
 }
 
 async fn accuracy(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
-    let snapshot = shown(&store, &catalogue, &settings, &study).await?;
+    let snapshot = reader.shown(&store, &catalogue, &settings, &study).await?;
     Ok(Json(Accuracy::new(&snapshot, snapshot.finest_plan())).into_response())
 }
 
 async fn stream(
     (State(store), State(catalogue), State(settings)): Parts,
+    reader: Reader,
     State(stop): State<CancellationToken>,
+    Extension(client): Extension<ClientAddress>,
     Extension(standing): Extension<Standing>,
     Path(study): Path<StudyId>,
 ) -> Result<Response, ApiError> {
     Ok(events::stream(
-        store,
-        &catalogue,
-        settings.population,
+        (store, &catalogue, settings.population),
         study,
-        standing,
+        (&reader, client, standing),
         stop,
     )
     .await?

@@ -9,6 +9,7 @@ use super::{
     Head, Parts, current, words,
 };
 use crate::{
+    jobs::Blind,
     store::{AnalysisSet, Population, RunState, Store, Totals},
     study::{
         Asks, BlockId, ParticipantFacts, RecruitingIds, Study, StudyId,
@@ -49,9 +50,7 @@ pub(super) async fn show(
     let served = current(&catalogue, &study)?;
     let population = settings.population;
     let people = store.totals(&study, population).await?;
-    let is_blind = served
-        .blind_until()
-        .is_some_and(|until| people.completed < until);
+    let is_blind = Blind::of(&served, &people).is_some();
     let recruiting = served.recruiting();
     Ok(DataPage {
         head: Head::new(&store, &settings, &caller, &served, "/data").await?,

@@ -13,9 +13,10 @@ use serde::Deserialize;
 
 use super::{
     super::{Error, Settings, access::Caller, accounts::Who, assets},
-    Head, Parts, current, words,
+    Head, Parts, current,
 };
 use crate::study::{CompletionCode, Ending, LinkParameter, RecruitingIds, Study, StudyId};
+use crate::web::query;
 
 /// Longer labels would not fit into tables.
 const LONGEST_SOURCE: usize = 60;
@@ -96,7 +97,7 @@ fn base(settings: &Settings, headers: &HeaderMap) -> String {
 fn links(study: &Study, base: &str, source: &str) -> Vec<Link> {
     let link = |query: &[&str]| {
         let source =
-            (!source.is_empty()).then(|| format!("source={}", words::percent_encoded(source)));
+            (!source.is_empty()).then(|| format!("source={}", query::percent_encoded(source)));
         let query: Vec<&str> = query.iter().copied().chain(source.as_deref()).collect();
         let mark = if query.is_empty() { "" } else { "?" };
         format!("{base}/s/{}{mark}{}", study.id(), query.join("&"))

@@ -20,14 +20,13 @@ use super::{
     words,
 };
 use crate::{
-    store::{AuditOutcome, AuditRow, Store},
+    jobs::Blind,
+    store::{AuditRow, Store, Totals},
     study::{Study, StudyId},
 };
 
 /// How many looks at a blind study are listed.
-const LOOKS: usize = 10;
-/// How far back in the log they are searched for.
-const LOG_ROWS: u32 = 2_000;
+const LOOKS: u32 = 10;
 
 #[derive(Template, WebTemplate)]
 #[template(path = "studies/overview.html")]
@@ -48,8 +47,8 @@ struct BlindState {
     until: String,
     /// How many are missing, in words; empty once results are shown.
     missing: String,
-    /// Who looked: when, who, what, outcome.
-    looks: Vec<[String; 4]>,
+    /// Who looked: when, who, what.
+    looks: Vec<[String; 3]>,
 }
 
 /// GET `/studies/STUDY`.
@@ -65,16 +64,16 @@ pub(super) async fn show(
         Caller::Account(_) if caller.may(Need::Manage) => Some(store.is_public(&study).await?),
         Caller::Account(_) | Caller::Local | Caller::Nobody | Caller::Token(_) => None,
     };
-    let completed = store.totals(&study, settings.population).await?.completed;
+    let people = store.totals(&study, settings.population).await?;
     let mut terms = terms(&served);
     let longer = store
         .runs_with_more_time(&study, settings.population)
         .await?;
     for (times, n) in longer {
-        let people = words::people(n);
+        let persons = words::people(n);
         terms.push((
             "More time",
-            format!("{people} with {times} times as long; their timed answers are stored and not counted"),
+            format!("{persons} with {times} times as long; their timed answers are stored and not counted"),
         ));
     }
     Ok(OverviewPage {
@@ -86,7 +85,7 @@ pub(super) async fn show(
         },
         terms,
         is_public,
-        blind: blind(&store, &served, completed, head.may_data).await?,
+        blind: blind(&store, &served, &people, head.may_data).await?,
         progress: Progress::read(&store, settings.population, &served).await?,
         head,
     })
@@ -134,44 +133,29 @@ fn terms(study: &Study) -> Vec<(&'static str, String)> {
 async fn blind(
     store: &Store,
     study: &Study,
-    completed: u64,
+    people: &Totals,
     may_see_looks: bool,
 ) -> Result<Option<BlindState>, Error> {
     let Some(until) = study.blind_until() else {
         return Ok(None);
     };
     let looks = if may_see_looks {
-        let rows = store.audit(None, LOG_ROWS).await?;
-        rows.into_iter()
-            .filter(|row| row.entry.study.as_ref() == Some(study.id()))
-            // Watching how a study goes shows nothing of its results.
-            .filter(|row| row.entry.action.starts_with("look at"))
-            .filter(|row| row.entry.action != "look at the participants")
-            .take(LOOKS)
-            .map(look)
-            .collect()
+        let rows = store.looks_at(study.id(), LOOKS).await?;
+        rows.into_iter().map(look).collect()
     } else {
         Vec::new()
     };
     Ok(Some(BlindState {
         until: words::people(until),
-        missing: match until.saturating_sub(completed) {
-            0 => String::new(),
-            1 => "1 person is missing".to_owned(),
-            missing => format!("{} are missing", words::people(missing)),
+        missing: match Blind::of(study, people).map(|blind| blind.until - blind.completed) {
+            None => String::new(),
+            Some(1) => "1 person is missing".to_owned(),
+            Some(missing) => format!("{} are missing", words::people(missing)),
         },
         looks,
     }))
 }
 
-fn look(row: AuditRow) -> [String; 4] {
-    [
-        words::moment(row.at),
-        row.entry.actor,
-        row.entry.action,
-        match row.entry.outcome {
-            AuditOutcome::Done => "let".to_owned(),
-            AuditOutcome::Refused => "refused".to_owned(),
-        },
-    ]
+fn look(row: AuditRow) -> [String; 3] {
+    [words::moment(row.at), row.entry.actor, row.entry.action]
 }

@@ -12,13 +12,14 @@ use serde::Deserialize;
 use super::{
     super::{
         Error,
-        access::{Caller, Recorded},
+        access::{self, Caller, Written},
         accounts::Who,
         assets,
         results::rfc3339,
     },
     Head, Parts, current, words,
 };
+use crate::web::query;
 use crate::{
     store::{ParticipantFilter, RunId, RunState, WatchedParticipant},
     study::{Flag, StudyId},
@@ -197,7 +198,7 @@ impl ParticipantsQuery {
         ]
         .iter()
         .filter(|(_, value)| !value.is_empty())
-        .map(|(name, value)| format!("{name}={}", words::percent_encoded(value)))
+        .map(|(name, value)| format!("{name}={}", query::percent_encoded(value)))
         .collect::<Vec<_>>()
         .join("&")
     }
@@ -264,15 +265,15 @@ pub(super) async fn ask_erase(
 /// POST `/studies/STUDY/participants/RUN/erase`.
 pub(super) async fn erase(
     (State(store), _, State(settings)): Parts,
+    Extension(caller): Extension<Caller>,
     Path((study, run)): Path<(StudyId, i64)>,
 ) -> Result<Response, Error> {
+    let detail = Some(format!("participant {run}"));
+    let entry = access::entry(&caller, "erase a participant", Some(&study), detail);
     store
+        .recording(entry)
         .erase(&study, settings.population, RunId::from(run))
         .await?;
-    let recorded = Recorded {
-        action: Some("erase a participant".to_owned()),
-        detail: Some(format!("participant {run}")),
-    };
     let back = Redirect::to(&format!("/studies/{study}/participants"));
-    Ok((Extension(recorded), back).into_response())
+    Ok((Extension(Written), back).into_response())
 }

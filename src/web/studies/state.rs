@@ -7,7 +7,10 @@ use axum::{
 };
 use serde::Deserialize;
 
-use super::super::{Error, access::Recorded};
+use super::super::{
+    Error,
+    access::{self, Caller, Written},
+};
 use crate::{
     store::{Store, StudyState},
     study::StudyId,
@@ -63,6 +66,7 @@ pub(super) struct StateForm {
 /// POST `/studies/STUDY/state`.
 pub(super) async fn set(
     State(store): State<Store>,
+    Extension(caller): Extension<Caller>,
     Path(study): Path<StudyId>,
     Form(form): Form<StateForm>,
 ) -> Result<Response, Error> {
@@ -80,11 +84,9 @@ pub(super) async fn set(
         StudyState::Closed => "close study",
     };
     let earlier = store.study(&study).await?.state;
-    store.set_study_state(&study, state).await?;
-    let recorded = Recorded {
-        action: Some(action.to_owned()),
-        detail: Some(format!("it was {earlier}")),
-    };
+    let detail = Some(format!("it was {earlier}"));
+    let recording = store.recording(access::entry(&caller, action, Some(&study), detail));
+    recording.set_study_state(&study, state).await?;
     let back = Redirect::to(&format!("/studies/{study}"));
-    Ok((Extension(recorded), back).into_response())
+    Ok((Extension(Written), back).into_response())
 }

@@ -1,7 +1,5 @@
 //! States, times and counts in the words of these pages.
 
-use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
-
 use super::super::results::count;
 use crate::{
     store::{RunState, StudyState},
@@ -37,18 +35,6 @@ pub(super) fn duration_or_none(ms: Option<u64>) -> String {
 /// `1 person`, `2 people`.
 pub(super) fn people(n: u64) -> String {
     format!("{} {}", count(n), if n == 1 { "person" } else { "people" })
-}
-
-/// What stands encoded in a value of a query.
-const ENCODED: &AsciiSet = &NON_ALPHANUMERIC
-    .remove(b'-')
-    .remove(b'_')
-    .remove(b'.')
-    .remove(b'~');
-
-/// A text as a value in a query.
-pub(super) fn percent_encoded(text: &str) -> String {
-    utf8_percent_encode(text, ENCODED).to_string()
 }
 
 pub(super) fn study_state(state: StudyState) -> &'static str {
