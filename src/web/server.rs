@@ -91,13 +91,16 @@ pub async fn serve(
     Ok(())
 }
 
+/// A stream whose other end has to take what is written.
+type Patient<S> = TokioIo<Pin<Box<TimeoutStream<S>>>>;
+
 fn connection<S: AsyncRead + AsyncWrite>(
     app: &Router,
     stream: S,
     peer: SocketAddr,
     write_timeout: Duration,
 ) -> http1::Connection<
-    TokioIo<Pin<Box<TimeoutStream<S>>>>,
+    Patient<S>,
     TowerToHyperService<
         impl tower::Service<
             Request<Incoming>,
