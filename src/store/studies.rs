@@ -67,16 +67,8 @@ impl Store {
         state_if_new: StudyState,
         rule: Option<&ExclusionRule>,
     ) -> Result<VersionId, Error> {
-        self.send_text(Publish {
-            study: study.clone(),
-            hash: hash.to_owned(),
-            text: text.to_owned(),
-            exclusion: rule.map(exclusions::rule_json),
-            state_if_new,
-            is_built_in: false,
-            at: self.now(),
-        })
-        .await
+        let text = self.text(study, hash, text, state_if_new, rule);
+        self.send_text(text).await
     }
 
     /// The same for a study that comes with the program: a later program may replace its text, unless a file of the lab's
@@ -92,16 +84,11 @@ impl Store {
         state_if_new: StudyState,
         rule: Option<&ExclusionRule>,
     ) -> Result<VersionId, Error> {
-        self.send_text(Publish {
-            study: study.clone(),
-            hash: hash.to_owned(),
-            text: text.to_owned(),
-            exclusion: rule.map(exclusions::rule_json),
-            state_if_new,
+        let text = Publish {
             is_built_in: true,
-            at: self.now(),
-        })
-        .await
+            ..self.text(study, hash, text, state_if_new, rule)
+        };
+        self.send_text(text).await
     }
 
     /// Gives everybody who is under way in a study without an end one, `time_limit_ms` from now on: a version that counts
@@ -114,6 +101,25 @@ impl Store {
         let (study, ends_at) = (study.clone(), Timestamp(self.now().0 + time_limit_ms));
         self.wait_for(|ticket| Job::Rare(Rare::SetEnds(study, ends_at, ticket)))
             .await
+    }
+
+    fn text(
+        &self,
+        study: &StudyId,
+        hash: &str,
+        text: &str,
+        state_if_new: StudyState,
+        rule: Option<&ExclusionRule>,
+    ) -> Publish {
+        Publish {
+            study: study.clone(),
+            hash: hash.to_owned(),
+            text: text.to_owned(),
+            exclusion: rule.map(exclusions::rule_json),
+            state_if_new,
+            is_built_in: false,
+            at: self.now(),
+        }
     }
 
     async fn send_text(&self, publish: Publish) -> Result<VersionId, Error> {

@@ -6,13 +6,14 @@ use reqwest::StatusCode;
 use riskaware::{
     clock::Clock,
     jobs::{Catalogue, PartState, Snapshot},
-    store::{NewAccount, PasswordHash, Population, Role},
+    store::{Population, Role},
     study::StudyId,
 };
 use serde_json::Value;
 
 use crate::{
     app::{App, Page, Participant, START},
+    browser::{Browser, account},
     crowd::{Background, until},
     program::{riskaware, stderr, stdout},
 };
@@ -301,44 +302,19 @@ async fn leaving_out_by_hand_asks_for_a_reason_and_is_written_down_with_when_and
 async fn a_viewer_leaves_nobody_out_and_a_researcher_is_named() {
     let app = app(STUDY).await;
     takes(&app, "", "safe", "left").await;
-    for (name, role) in [("vera", Role::Viewer), ("rita", Role::Researcher)] {
-        let password = PasswordHash::of("a long password".parse().unwrap(), [7; 16])
-            .await
-            .unwrap();
-        let account = NewAccount {
-            name: name.parse().unwrap(),
-            password,
-            role,
-            must_change_password: false,
-        };
-        app.store.make_account(account).await.unwrap();
-    }
+    account(&app, "vera", Role::Viewer).await;
+    account(&app, "rita", Role::Researcher).await;
     for (name, status) in [
         ("vera", StatusCode::FORBIDDEN),
         ("rita", StatusCode::SEE_OTHER),
     ] {
-        let client = reqwest::Client::builder()
-            .redirect(reqwest::redirect::Policy::none())
-            .build()
-            .unwrap();
-        let login = client
-            .post(format!("{}/login", app.url))
-            .form(&[("name", name), ("password", "a long password")])
-            .send()
+        let answer = Browser::logged_in(&app, name)
             .await
-            .unwrap();
-        let cookie = login.headers()["set-cookie"].to_str().unwrap().to_owned();
-        let cookie = cookie.split(';').next().unwrap().to_owned();
-        let answer = client
-            .post(format!(
-                "{}/studies/attentive/participants/1/exclusion",
-                app.url
-            ))
-            .header("cookie", cookie)
-            .form(&[("action", "exclude"), ("reason", "any")])
-            .send()
-            .await
-            .unwrap();
+            .posts(
+                "/studies/attentive/participants/1/exclusion",
+                &[("action", "exclude"), ("reason", "any")],
+            )
+            .await;
         assert_eq!(answer.status(), status, "{name}");
         let people = app
             .store

@@ -6,6 +6,7 @@ mod api_document;
 mod api_http;
 mod app;
 mod architecture;
+mod browser;
 mod building_blocks;
 mod calibrate;
 mod catalogue;

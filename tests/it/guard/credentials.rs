@@ -13,7 +13,7 @@ async fn whoever_knows_a_name_cannot_keep_its_owner_out() {
     let app = behind_a_proxy().await;
     account(&app, "anna", Role::Researcher).await;
     let mut office = Browser::new(&app).at("192.0.2.1");
-    assert_eq!(office.logs_in("anna", PASSWORD).await, 303);
+    assert_eq!(office.logs_in("anna", PASSWORD).await.status(), 303);
     for address in [
         "198.51.100.1",
         "198.51.100.2",
@@ -26,12 +26,18 @@ async fn whoever_knows_a_name_cannot_keep_its_owner_out() {
         "198.51.100.9",
     ] {
         let mut stranger = Browser::new(&app).at(address);
-        assert_eq!(stranger.logs_in("anna", "not the password").await, 422);
+        assert_eq!(
+            stranger.logs_in("anna", "not the password").await.status(),
+            422
+        );
     }
     let mut stranger = Browser::new(&app).at("198.51.100.10");
-    assert_eq!(stranger.logs_in("anna", "not the password").await, 429);
+    assert_eq!(
+        stranger.logs_in("anna", "not the password").await.status(),
+        429
+    );
     let mut again = Browser::new(&app).at("192.0.2.1");
-    assert_eq!(again.logs_in("anna", PASSWORD).await, 303);
+    assert_eq!(again.logs_in("anna", PASSWORD).await.status(), 303);
 }
 
 #[tokio::test]
@@ -83,7 +89,7 @@ async fn tokens_end_with_the_password_that_others_know() {
     assert!(refused.text().await.unwrap().contains("/account/password"));
 
     let mut browser = Browser::new(&app);
-    assert_eq!(browser.logs_in("anna", &one_time).await, 303);
+    assert_eq!(browser.logs_in("anna", &one_time).await.status(), 303);
     let new = "an even longer password";
     let form = [("current", one_time.as_str()), ("new", new), ("again", new)];
     let changed = browser.posts("/account/password", &form).await;
@@ -170,9 +176,15 @@ async fn a_wrong_login_is_logged_under_the_account_or_under_no_name() {
     let app = App::start().await;
     account(&app, "anna", Role::Researcher).await;
     let mut browser = Browser::new(&app);
-    assert_eq!(browser.logs_in("anna", "not the password").await, 422);
+    assert_eq!(
+        browser.logs_in("anna", "not the password").await.status(),
+        422
+    );
     // People type passwords where the name belongs.
-    assert_eq!(browser.logs_in("hunter2 and more", "anna").await, 422);
+    assert_eq!(
+        browser.logs_in("hunter2 and more", "anna").await.status(),
+        422
+    );
     for actor in ["anna", "nobody"] {
         let refused = times(&app, actor, "log in", AuditOutcome::Refused).await;
         assert_eq!(refused, 1, "{actor}");
