@@ -249,7 +249,7 @@ async fn every_answer_names_the_study_file_and_the_program() {
     let file = folder.path().join("earlier.csv");
     std::fs::write(
         &file,
-        "participant,problem,action,client_rt_ms\na,wet/slow,sure,1500\n",
+        "participant,problem,action,server_ms\na,wet/slow,sure,1500\n",
     )
     .unwrap();
     let output = crate::program::riskaware(

@@ -286,15 +286,9 @@ b,explicit/untimed/high,stop,answered,4000,,1556878600000
     let known: Vec<bool> = runs.iter().map(|run| run.started_at.is_some()).collect();
     assert_eq!(known, [false, true]);
     assert_eq!(runs[0].finished_at, None);
-    // Nobody was as fast as the import.
-    assert_eq!(
-        place
-            .store
-            .median_duration_ms(&driving, people)
-            .await
-            .unwrap(),
-        Some(204_000)
-    );
+    // Nobody was as fast as the import, and what was measured elsewhere is in no median of this server.
+    let median = place.store.median_duration_ms(&driving, people).await;
+    assert_eq!(median.unwrap(), None);
     let last = place.store.last_answer(&driving, people).await.unwrap();
     assert_eq!(last.unwrap().0, 1_556_878_800_000);
     assert_eq!(place.store.check_answers().await.unwrap(), []);

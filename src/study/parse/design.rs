@@ -14,7 +14,7 @@ const MOST_QUESTIONS: usize = 1_000;
 
 /// What columns are called that every table of data has, as far as an id could be the same: a factor's levels stand in a
 /// column of its name beside them, or are joined to them. `count` is one that `fit --choices` reads.
-const NAMES_OF_COLUMNS: [&str; 20] = [
+const NAMES_OF_COLUMNS: [&str; 21] = [
     "study",
     "version",
     "participant",
@@ -30,6 +30,7 @@ const NAMES_OF_COLUMNS: [&str; 20] = [
     "condition",
     "language",
     "bonus",
+    "excluded",
     "platform",
     "practice",
     "counted",
