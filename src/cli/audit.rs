@@ -10,7 +10,7 @@ use crate::{
 /// Whom the log names for a command.
 pub(super) const ACTOR: &str = "command";
 
-/// What the log says of something that a command on this machine does.
+/// What the log says of something that a command on this machine does; for changes, with [`Store::recording`].
 pub(super) fn entry(action: &str, study: Option<&StudyId>, detail: Option<String>) -> AuditEntry {
     AuditEntry {
         actor: ACTOR.to_owned(),
@@ -21,7 +21,8 @@ pub(super) fn entry(action: &str, study: Option<&StudyId>, detail: Option<String
     }
 }
 
-/// Writes that a command on this machine does this. Before it is done: what was read must not stay unsaid.
+/// Writes that a command on this machine takes data out: an export or a copy. Before it does: what was read must not stay
+/// unsaid. Changes are written together with their entry instead, see [`Store::recording`].
 pub(super) async fn record(
     store: &Store,
     action: &str,

@@ -88,11 +88,12 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<()> {
             known.join(", ")
         );
     }
+    let detail = format!("{} people, source {}", imported.runs.len(), source.trim());
+    let entry = audit::entry("import answers", Some(&study), Some(detail));
     let people = store
+        .recording(entry)
         .import(&study, version, source.trim(), imported.runs)
         .await?;
-    let detail = format!("{people} people, source {}", source.trim());
-    audit::record(&store, "import answers", Some(&study), Some(detail)).await?;
     store.close().await;
     println!(
         "{} answers of {people} people are imported into {study}; {} rows of practice or unanswered questions are left out",

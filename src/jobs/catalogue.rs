@@ -257,7 +257,8 @@ impl Served {
             if unwanted.contains(&row.id) {
                 let people = store.totals(&row.id, Population::People).await?;
                 let simulated = store.totals(&row.id, Population::Simulated).await?;
-                if people.started == 0 && simulated.started == 0 {
+                let is_built_in = store.study_version(row.version).await?.is_built_in;
+                if is_built_in && people.started == 0 && simulated.started == 0 {
                     continue;
                 }
             }

@@ -249,7 +249,7 @@ impl Snapshot {
         Ok(Some(snapshot))
     }
 
-    fn new(
+    pub(super) fn new(
         study: Arc<Study>,
         population: Population,
         state: StudyState,

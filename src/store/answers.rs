@@ -244,7 +244,8 @@ impl Store {
             .await
     }
 
-    /// How often each answer was given to a field of a form, by the people of an analysis set.
+    /// How often each answer was given to a field of a form, by the people of an analysis set; with those who are left out
+    /// of it where `with_excluded` says so.
     ///
     /// # Errors
     /// When the database fails.
@@ -255,6 +256,7 @@ impl Store {
         set: AnalysisSet,
         block: &BlockId,
         field: &str,
+        with_excluded: bool,
     ) -> Result<Vec<FormAnswer>, Error> {
         let rows: Vec<(Option<String>, i64)> = sqlx::query_as(
             r#"
@@ -264,7 +266,7 @@ impl Store {
             join answer on answer.run_id = step.run_id and answer.position = step.position
             where run.study_id = ?1 and run.is_simulated = ?2 and run.is_preview = 0
             and (run.state = 'completed' or not ?3)
-            and not exists (select 1 from exclusion where exclusion.run_id = run.id)
+            and (?6 or not exists (select 1 from exclusion where exclusion.run_id = run.id))
             group by given
             order by count(*) desc, given
             "#,
@@ -274,6 +276,7 @@ impl Store {
         .bind(set == AnalysisSet::Completed)
         .bind(block.as_str())
         .bind(field)
+        .bind(with_excluded)
         .fetch_all(&self.pool)
         .await?;
         Ok(rows

@@ -125,7 +125,7 @@ impl Store {
             .await
     }
 
-    /// Which of these people were imported before under the same label.
+    /// Which of these people were imported before under the same label, those who were erased since among them.
     ///
     /// # Errors
     /// When the database fails.
@@ -139,7 +139,11 @@ impl Store {
             r#"
             select platform_key
             from run
-            where study_id = ? and platform = ? and platform_key is not null and is_preview = 0
+            where study_id = ?1 and platform = ?2 and platform_key is not null and is_preview = 0
+            union all
+            select platform_key
+            from withdrawn_person
+            where study_id = ?1
             "#,
         )
         .bind(study.as_str())
@@ -169,8 +173,14 @@ pub(super) async fn write(
     let known: Vec<String> = sqlx::query_scalar(
         r#"
         select new.value
-        from json_each(?) as new
-        join run on run.study_id = ? and run.platform = ? and run.platform_key = new.value and run.is_preview = 0
+        from json_each(?1) as new
+        where exists (
+            select 1
+            from run
+            where study_id = ?2 and platform = ?3 and platform_key = new.value and is_preview = 0
+        )
+        -- whoever was erased does not come back by the same file
+        or exists (select 1 from withdrawn_person where study_id = ?2 and platform_key = new.value)
         "#,
     )
     .bind(json(

@@ -132,9 +132,7 @@ pub(super) async fn erase(
         .execute(&mut *connection)
         .await?
         .rows_affected();
-    if state != RunState::Active.as_str() {
-        remember_person(connection, run).await?;
-    }
+    remember_person(connection, run, state != RunState::Active.as_str()).await?;
     forget_recruiting(connection, run).await?;
     sqlx::query(
         r#"
@@ -203,18 +201,25 @@ pub(super) async fn erase(
     Ok(changed.into_iter().map(Change::from).collect())
 }
 
-/// Keeps that the person of a run took part and withdrew.
-async fn remember_person(connection: &mut SqliteConnection, run: RunId) -> Result<(), sqlx::Error> {
+/// Keeps that the person of a run took part and withdrew: of those whose run was over, and of imported people, who have
+/// answered all that they ever will.
+async fn remember_person(
+    connection: &mut SqliteConnection,
+    run: RunId,
+    is_over: bool,
+) -> Result<(), sqlx::Error> {
     sqlx::query(
         r#"
         insert into withdrawn_person (study_id, platform_key, version_id)
         select study_id, platform_key, version_id
         from run
-        where id = ? and platform_key is not null and is_preview = 0
+        where id = ?1 and platform_key is not null and is_preview = 0 and (?2 or platform = ?3)
         on conflict do nothing
         "#,
     )
     .bind(run)
+    .bind(is_over)
+    .bind(import::PLATFORM)
     .execute(connection)
     .await?;
     Ok(())

@@ -378,6 +378,7 @@ async fn form_answer(app: &App, block: &str, field: &str) -> Vec<(Option<String>
             AnalysisSet::All,
             &block.into(),
             field,
+            false,
         )
         .await
         .unwrap()

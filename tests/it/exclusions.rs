@@ -173,6 +173,10 @@ async fn whoever_fails_the_check_is_left_out_of_counts_fits_and_sources_and_stay
         page.text("[data-value='people.exclusions_text']").unwrap(),
         "1 left out: 1 answered a check wrongly"
     );
+    // Of everybody, or it would always say that nobody failed.
+    assert!(page.html.contains(
+        "2 of 3 people who answered it did so. Who finished and did not is left out of the analysis."
+    ));
     let sources = app.get("/studies/attentive/sources").await;
     assert!(sources.html.contains("pilot"));
     let chosen = sources.texts("tbody tr:first-child td.numeric");

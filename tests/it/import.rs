@@ -351,6 +351,26 @@ c,gain/low/large,safe
 }
 
 #[tokio::test]
+async fn whoever_was_erased_does_not_come_back_by_the_same_file() {
+    let place = Place::new().await;
+    place.imports(LONG, None).unwrap();
+    let driving = "driving".into();
+    for (person, run) in [("a", 1), ("b", 2)] {
+        let erased = place.store.erase(&driving, Population::People, run.into());
+        erased.await.unwrap();
+        // The file without the people that were named before.
+        let rest: Vec<&str> = LONG
+            .lines()
+            .filter(|line| line.starts_with("participant") || line.starts_with(person))
+            .collect();
+        let told = place.imports(&rest.join("\n"), None).unwrap_err();
+        assert!(told.contains("imported before"), "{told}");
+    }
+    assert_eq!(place.answers().await, []);
+    place.store.close().await;
+}
+
+#[tokio::test]
 async fn files_of_spreadsheets_are_read_and_other_encodings_named() {
     let place = Place::new().await;
     let rows = "participant;problem;action\r\nJörg;explicit/untimed/low;stop\r\n";

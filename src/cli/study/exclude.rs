@@ -40,13 +40,13 @@ struct Participant {
     database: PathBuf,
 }
 
-/// Leaves a participant out of the analysis, and writes to the log that it was done.
+/// Leaves a participant out of the analysis, and writes that to the log in one transaction with it.
 pub(super) async fn exclude(arguments: ExcludeArguments) -> anyhow::Result<()> {
     let reason = ExclusionReason::new(&arguments.reason).context("--reason")?;
     change(&arguments.participant, Some(reason)).await
 }
 
-/// Takes a participant in again, and writes to the log that it was done.
+/// Takes a participant in again, and writes that to the log in one transaction with it.
 pub(super) async fn include(arguments: IncludeArguments) -> anyhow::Result<()> {
     change(&arguments.participant, None).await
 }
@@ -71,22 +71,23 @@ async fn change_in(
     let (number, people) = (participant.participant, Population::People);
     let when = store.totals(&study, people).await?.in_words();
     let run = RunId::from(number);
-    let (action, detail) = match because {
+    let recording =
+        |action, detail| store.recording(audit::entry(action, Some(&study), Some(detail)));
+    match because {
         Some(reason) => {
             let detail = format!("participant {number}: {reason}; {when}");
             let actor = audit::ACTOR.to_owned();
-            store.exclude(&study, people, run, reason, actor).await?;
-            ("leave a participant out", detail)
+            recording("leave a participant out", detail)
+                .exclude(&study, people, run, reason, actor)
+                .await?;
         }
         None => {
-            store.include(&study, people, run).await?;
-            (
-                "take a participant in again",
-                format!("participant {number}; {when}"),
-            )
+            let detail = format!("participant {number}; {when}");
+            recording("take a participant in again", detail)
+                .include(&study, people, run)
+                .await?;
         }
-    };
-    audit::record(store, action, Some(&study), Some(detail)).await?;
+    }
     let now = store.totals(&study, people).await?;
     Ok(format!(
         "study {study}: {} finished, {} of them left out of the analysis",

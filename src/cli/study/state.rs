@@ -48,7 +48,7 @@ impl Change {
     }
 }
 
-/// Changes the state, and writes to the log that it was done.
+/// Changes the state, and writes that to the log in one transaction with it.
 pub(super) async fn run(arguments: Arguments, change: Change) -> anyhow::Result<()> {
     let database = &arguments.database;
     let store = Store::open_beside(database, Clock::start())
@@ -81,14 +81,9 @@ async fn set_state(store: &Store, id: &StudyId, change: Change) -> anyhow::Resul
         }
         Err(error) => return Err(error.into()),
     };
-    store.set_study_state(id, change.state()).await?;
-    audit::record(
-        store,
-        change.action(),
-        Some(id),
-        Some(format!("it was {earlier}")),
-    )
-    .await?;
+    let detail = Some(format!("it was {earlier}"));
+    let recording = store.recording(audit::entry(change.action(), Some(id), detail));
+    recording.set_study_state(id, change.state()).await?;
     Ok(format!(
         "study {id}: {earlier} before, {} now",
         change.state()

@@ -6,10 +6,11 @@ use crate::{
     study::StudyId,
 };
 
-/// What a handler says about what it did: an extension of its response, which the guard writes to the log.
+/// What a handler says about what it did or refused, where no entry is written yet: an extension of its response, which the
+/// guard writes to the log.
 #[derive(Debug, Clone, Default)]
 pub(in crate::web) struct Recorded {
-    /// Instead of the route's own action.
+    /// Instead of the route's own action: what was refused, where the route has a page of its own or does several things.
     pub(in crate::web) action: Option<String>,
     /// On what; never a secret.
     pub(in crate::web) detail: Option<String>,

@@ -15,7 +15,7 @@ use crate::{
     jobs::{Blind, PartState, Snapshot},
     model::model_named,
     store::{Error, Store},
-    study::PaperFigure,
+    study::{Flag, PaperFigure},
     web::{
         accounts::{Bar, Who},
         assets,
@@ -129,6 +129,8 @@ pub(super) struct Attention {
     label: String,
     n: String,
     as_asked: String,
+    /// Whether the analysis leaves out whoever did not.
+    leaves_out: bool,
 }
 
 impl ResultsPage {
@@ -519,6 +521,8 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
                 set,
                 &item.block,
                 &item.field,
+                // Whoever did not answer as asked may be left out for just that.
+                true,
             )
             .await?;
         // As the database writes what it stores: a text as it is, the rest as JSON.
@@ -540,6 +544,7 @@ pub(super) async fn attention(store: &Store, snapshot: &Snapshot) -> Result<Vec<
             label: item.label.clone(),
             n: count(n),
             as_asked: count(as_asked),
+            leaves_out: study.exclude().contains(&Flag::FailedCheck),
         });
     }
     Ok(found)

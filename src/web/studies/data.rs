@@ -156,7 +156,7 @@ async fn facts(
     let set = AnalysisSet::Completed;
     let genders = match field(study, "gender") {
         Some((block, field)) => store
-            .form_answers(id, population, set, block, &field.id)
+            .form_answers(id, population, set, block, &field.id, false)
             .await?
             .into_iter()
             .map(|answer| (answer.value.map(|value| text_of(field, value)), answer.n))
@@ -165,7 +165,7 @@ async fn facts(
     };
     let ages = match field(study, "age") {
         Some((block, field)) => store
-            .form_answers(id, population, set, block, &field.id)
+            .form_answers(id, population, set, block, &field.id, false)
             .await?
             .into_iter()
             .filter_map(|answer| Some((answer.value?.parse().ok()?, answer.n)))

@@ -12,7 +12,7 @@ use serde::Deserialize;
 use super::{
     super::{
         Error,
-        access::{Caller, Recorded},
+        access::{self, Caller, Written},
         accounts::Who,
         assets,
     },
@@ -96,32 +96,30 @@ pub(super) async fn set(
 ) -> Result<Response, Error> {
     let (population, number) = (settings.population, RunId::from(run));
     let when = store.totals(&study, population).await?.in_words();
-    let recorded = match form.action.as_str() {
+    let recording = |action, detail| {
+        store.recording(access::entry(&caller, action, Some(&study), Some(detail)))
+    };
+    match form.action.as_str() {
         "exclude" => {
             let reason = ExclusionReason::new(&form.reason)
                 .map_err(|error| Error::Unprocessable(error.to_string()))?;
             let detail = format!("participant {run}: {reason}; {when}");
-            store
+            recording("leave a participant out", detail)
                 .exclude(&study, population, number, reason, caller.name())
                 .await?;
-            Recorded {
-                action: Some("leave a participant out".to_owned()),
-                detail: Some(detail),
-            }
         }
         "include" => {
-            store.include(&study, population, number).await?;
-            Recorded {
-                action: Some("take a participant in again".to_owned()),
-                detail: Some(format!("participant {run}; {when}")),
-            }
+            let detail = format!("participant {run}; {when}");
+            recording("take a participant in again", detail)
+                .include(&study, population, number)
+                .await?;
         }
         other => {
             return Err(Error::Unprocessable(format!(
                 "action `{other}` does not exist; allowed: exclude, include"
             )));
         }
-    };
+    }
     let back = Redirect::to(&format!("/studies/{study}/participants"));
-    Ok((Extension(recorded), back).into_response())
+    Ok((Extension(Written), back).into_response())
 }

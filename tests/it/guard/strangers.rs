@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use reqwest::Method;
-use riskaware::store::Role;
+use riskaware::store::{ExclusionReason, Population, Role, RunId};
 use riskaware::web::access::{ROUTES, Rule};
 use serde_json::{Value, json};
 
@@ -57,8 +57,10 @@ async fn strangers_see_steps_of_five_people_and_never_one() {
     let summary = "/api/v1/studies/driving/summary";
     assert!(released.len() >= 8, "{:?}", released.keys());
     let numbers: Value = serde_json::from_str(&released[summary]).unwrap();
-    assert_eq!(numbers["people"]["started"], 5);
-    assert_eq!(numbers["people"]["completed"], 5);
+    // Who is analysed is told exactly, since it moves by five; everything else is rounded down.
+    assert_eq!(numbers["people"]["analysed"], 6);
+    assert_eq!(numbers["people"]["completed"], 6);
+    assert_eq!(numbers["people"]["started"], 6);
     assert_eq!(numbers["people"]["declined"], 0);
     assert_eq!(numbers["cells"][0]["n"], 6);
 
@@ -71,7 +73,7 @@ async fn strangers_see_steps_of_five_people_and_never_one() {
     let stepped = everything(&stranger).await;
     assert_ne!(stepped[summary], released[summary]);
     let numbers: Value = serde_json::from_str(&stepped[summary]).unwrap();
-    assert_eq!(numbers["people"]["completed"], 10);
+    assert_eq!(numbers["people"]["completed"], 11);
     assert_eq!(numbers["cells"][0]["n"], 11);
     app.store.withdraw(&seventh.token()).await.unwrap();
     assert_eq!(everything(&stranger).await, stepped);
@@ -87,6 +89,59 @@ async fn strangers_see_steps_of_five_people_and_never_one() {
         assert!(n >= last + 5, "{looks}");
         last = n;
     }
+}
+
+/// What `summary.json` tells of people and of the first cell.
+async fn told(stranger: &Browser<'_>) -> (Value, Value) {
+    let summary = stranger.gets("/api/v1/studies/driving/summary").await;
+    assert_eq!(summary.status(), 200);
+    let mut summary: Value = summary.json().await.unwrap();
+    (summary["people"].take(), summary["cells"][0].take())
+}
+
+#[tokio::test]
+async fn strangers_learn_of_nobody_who_is_left_out_alone_and_of_five_at_once() {
+    let app = App::start().await;
+    account(&app, "anna", Role::Researcher).await;
+    app.store.set_public(&"driving".into(), true).await.unwrap();
+    finish(&app, 12).await;
+    let answers = app.answers().await;
+    let mut runs: Vec<RunId> = answers.iter().map(|answer| answer.key.run).collect();
+    runs.dedup();
+    assert_eq!(runs.len(), 12);
+    let exclude = async |runs: &[RunId]| {
+        for run in runs {
+            let reason = ExclusionReason::new("talked to another").unwrap();
+            let (study, actor) = ("driving".into(), "anna".to_owned());
+            app.store
+                .exclude(&study, Population::People, *run, reason, actor)
+                .await
+                .unwrap();
+        }
+    };
+    let stranger = Browser::new(&app);
+
+    exclude(&runs[..1]).await;
+    let (people, cell) = told(&stranger).await;
+    assert_eq!(people["analysed"], 11);
+    assert_eq!(people["completed"], 11);
+    assert_eq!(people["excluded"], 0);
+    assert_eq!(people["exclusions"], json!([]));
+    assert_eq!(cell["n"], 11);
+    assert_eq!(cell["before_exclusions"], 11);
+
+    // Four more move nothing.
+    exclude(&runs[1..5]).await;
+    let kept = told(&stranger).await;
+    assert_eq!(kept, (people, cell));
+    exclude(&runs[5..6]).await;
+    let (people, cell) = told(&stranger).await;
+    assert_eq!(people["analysed"], 6);
+    assert_eq!(people["completed"], 11);
+    assert_eq!(people["excluded"], 5);
+    assert_eq!(people["exclusions"], json!([{ "flag": null, "n": 5 }]));
+    assert_eq!(cell["n"], 6);
+    assert_eq!(cell["before_exclusions"], 11);
 }
 
 #[tokio::test]

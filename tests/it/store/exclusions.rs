@@ -137,6 +137,7 @@ async fn whoever_is_left_out_by_hand_counts_nowhere_and_everywhere_again_when_ta
             AnalysisSet::Completed,
             &BlockId::from("about"),
             "age",
+            false,
         )
         .await
         .unwrap();

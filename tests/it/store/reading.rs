@@ -160,6 +160,7 @@ async fn form_answers_are_counted_by_field_and_study() {
                     AnalysisSet::Completed,
                     &about,
                     field,
+                    false,
                 )
                 .await
                 .unwrap()
