@@ -178,7 +178,7 @@ pub(super) fn to_file(
     write: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>,
 ) -> anyhow::Result<()> {
     if out == Path::new("-") {
-        let mut stdout = BufWriter::new(std::io::stdout().lock());
+        let mut stdout = BufWriter::with_capacity(1 << 16, std::io::stdout().lock());
         write(&mut stdout)?;
         return stdout.flush().context("writing to standard output");
     }
