@@ -87,7 +87,7 @@ enum Command {
     Recover(recover::Arguments),
     /// Fit models to simulated shares of one problem, or over the gap of expected rewards
     Sweep(sweep::Arguments),
-    /// Begin or check a study file; open, pause or close a study
+    /// Begin or check a study file; open, pause or close a study; leave people out of its analysis
     #[command(subcommand)]
     Study(study::Command),
     /// Make and change accounts

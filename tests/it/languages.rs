@@ -91,7 +91,7 @@ struct Words {
 
 const ENGLISH: Words = Words {
     language: "en",
-    landing: ["Rain", "about 2 minutes", "Start"],
+    landing: ["Rain", "about 2 min.", "Start"],
     consent: [
         "Do you agree?",
         "withdraw from Rain",
@@ -128,7 +128,7 @@ const ENGLISH: Words = Words {
 
 const GERMAN: Words = Words {
     language: "de",
-    landing: ["Regen", "etwa 2 Minuten", "Beginnen"],
+    landing: ["Regen", "etwa 2 Min.", "Beginnen"],
     consent: [
         "Sind Sie einverstanden?",
         "aus Regen zurückziehen",
