@@ -41,8 +41,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let text = as_draft(text, old, &id);
     // What is written is what `study check` accepts; only the id is not ours.
     Study::parse(&file.display().to_string(), &text)?;
-    let mut written = File::create_new(file)
-        .with_context(|| format!("cannot make {}: it must not exist yet", file.display()))?;
+    let mut written = File::create_new(file).with_context(|| {
+        format!(
+            "cannot make {}; allowed: a new file in a folder that exists",
+            file.display()
+        )
+    })?;
     written
         .write_all(text.as_bytes())
         .with_context(|| format!("cannot write {}", file.display()))?;

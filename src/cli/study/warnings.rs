@@ -137,12 +137,12 @@ fn parameters(study: &Study) -> Vec<String> {
 fn texts(study: &Study) -> Vec<String> {
     let mut warnings = Vec::new();
     let contact = study.contact();
-    let is_placeholder = contact == "the research team that sent you the link"
+    let reaches_nobody = contact == "the research team that sent you the link"
         || contact.contains("example.")
         || contact.contains("YOUR ");
-    if is_placeholder {
+    if reaches_nobody {
         warnings.push(format!(
-            "contact: `{contact}` is still the one to start from; put in a name and an address"
+            "contact: `{contact}` reaches nobody (it stands for somebody, or its address is an example); put in a name and an address"
         ));
     }
     let outline = study.outline();
